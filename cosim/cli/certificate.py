@@ -11,7 +11,7 @@ from rich.console import Group
 from rich.text import Text
 
 from cosim import hinf, replay
-from cosim.cli.arguments import AUTO, named_problem, order_of, write_json
+from cosim.cli.arguments import AUTO, named_problem, order_of, write
 from cosim.cli.certificate_view import certificate_view, system_facts
 from cosim.cli.common import (
     JsonOption,
@@ -22,7 +22,7 @@ from cosim.cli.common import (
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.result_json import result_json
 from cosim.cli.result_view import result_view
-from cosim.core import DESIGN_FILE, CheckFailedError, at_most
+from cosim.core import CheckFailedError, at_most
 from cosim.models import DelaySystem
 
 certificate_app = HelpTyper(
@@ -147,7 +147,7 @@ def prove(
         before = hinf.synthesis.Result.from_certificate(data, where=str(file))
         found = hinf.synthesis.proved_again(before, hold=hold, order=asked)
     if save is not None:
-        write_json(save, DESIGN_FILE.stamped(found.to_json()))
+        write(save, found.file_text())
     lost = [
         name
         for name in before.certificate["claim"].get("guarantees", {})

@@ -19,6 +19,7 @@ from cosim.cli.arguments import (
     numbers,
     order_of,
     with_weights,
+    write,
     write_json,
 )
 from cosim.cli.common import (
@@ -30,7 +31,7 @@ from cosim.cli.common import (
 from cosim.cli.output_feedback import answer_output_feedback
 from cosim.cli.result_json import result_json
 from cosim.cli.result_view import result_view
-from cosim.core import DESIGN_FILE, InputError, NotAchievableError
+from cosim.core import InputError, NotAchievableError
 from cosim.models import DelaySystem
 
 SaveNormOption = Annotated[
@@ -314,7 +315,7 @@ def design(
             found = hinf.synthesis.with_outages(found)
         nominal = hinf.synthesis.nominal_gamma(found) if price else None
     if save is not None:
-        write_json(save, DESIGN_FILE.stamped(found.to_json()))
+        write(save, found.file_text())
     refutation = None if greatest is None else greatest.refutation
     kept = None if refutation is None else save_refutation
     if kept is not None:

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from cosim import hinf
-from cosim.cli.arguments import write_json
+from cosim.cli.arguments import write
 from cosim.cli.common import answer, progress
 from cosim.cli.result_json import result_json
 from cosim.cli.result_view import result_view
-from cosim.core import DESIGN_FILE, InputError
+from cosim.core import InputError
 
 _OPTIONS = {"name", "gamma", "order", "save", "as_json", "solver", "delay_limit"}
 """Options that an observer has too, or that are without effect alone."""
@@ -59,7 +59,7 @@ def answer_output_feedback(
             report_progress("commands that are held", 0.0)
             found = hinf.synthesis.for_any_command(found, most=options["gamma"] or named.gamma)
     if save is not None:
-        write_json(save, DESIGN_FILE.stamped(found.to_json()))
+        write(save, found.file_text())
     answer(
         options["as_json"],
         lambda: result_json(name, found, save),

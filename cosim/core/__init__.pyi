@@ -38,6 +38,7 @@ from .files import (
     write_whole as write_whole,
     written_beside as written_beside,
 )
+from .groups import is_inside as is_inside
 from .locate import line_of as line_of
 from .locks import (
     FOLDERS_HAVE_LOCKS as FOLDERS_HAVE_LOCKS,

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
-from cosim.core import InputError
+from cosim.core import InputError, is_inside
 from cosim.fmu.port import Port
 
 Feedthrough = Literal["none"] | Sequence[str]
@@ -70,4 +70,4 @@ def _named(outputs: Mapping[str, Port], name: str) -> set[str]:
             1 <= i <= size for i, size in zip(place, array.shape, strict=True)
         )
         return {array.name} if inside else set()
-    return {other for other in outputs if name and other.startswith((f"{name}.", f"{name}["))}
+    return {other for other in outputs if name and is_inside(other, name)}

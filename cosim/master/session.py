@@ -189,6 +189,7 @@ class Session(SessionBase):
         """
         loop = self._opened()
         self.system, self._observers = system, observers
+        self._named.clear()
         try:
             self._dispatch.begin(observers)
             self._wiring.begin_again(system)

@@ -6,11 +6,11 @@ import functools
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, Concatenate, Literal, ParamSpec, TypeVar
+from typing import Any, ClassVar, Concatenate, Literal, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
-from cosim.core import ComponentError, InputError
+from cosim.core import ComponentError, InputError, is_inside
 from cosim.master.component_instance import ComponentInstance
 from cosim.master.run import RunStatus
 from cosim.master.system import System
@@ -45,6 +45,22 @@ def one_thread_at_a_time(
     return guarded
 
 
+class NamedSignals(NamedTuple):
+    """Signals of a component that a name stands for.
+
+    Attributes
+    ----------
+    members : variables, or elements of arrays.
+    single : whether the name is that of one, not of a group.
+    exchanged : the outputs and connected inputs of the component.
+    """
+
+    component: str
+    members: list[str]
+    single: bool
+    exchanged: frozenset[str]
+
+
 class SessionBase(ABC):
     """How a session stands: its times, its status, and what it refuses.
 
@@ -60,6 +76,7 @@ class SessionBase(ABC):
         self.system = system
         self.in_use = threading.RLock()
         self._closed = False
+        self._named: dict[str, NamedSignals] = {}
 
     @property
     @abstractmethod
@@ -126,14 +143,14 @@ class SessionBase(ABC):
         ------
         InputError : no such component or variable.
         """
-        component, members, single = self.named(name)
-        instance = self._instance_named(component)
-        exchanged = instance.column_names
+        signals = self.named(name)
         values = [
-            self.value(component, one) if one in exchanged else self.read(component, one)
-            for one in members
+            self.value(signals.component, one)
+            if one in signals.exchanged
+            else self.read(signals.component, one)
+            for one in signals.members
         ]
-        return values[0] if single else np.array(values, np.float64)
+        return values[0] if signals.single else np.array(values, np.float64)
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Set an input or a tunable parameter, or each of a group from a sequence.
@@ -144,32 +161,38 @@ class SessionBase(ABC):
         ------
         InputError : as of `set` and `override`; a sequence of another length.
         """
-        component, members, single = self.named(name)
-        values = [value] if single else list(value)
-        if len(values) != len(members):
+        signals = self.named(name)
+        values = [value] if signals.single else list(value)
+        if len(values) != len(signals.members):
             raise InputError(
                 "values and signals do not match",
                 where=name,
-                expected=f"{len(members)} values: {', '.join(members[:8])}",
+                expected=f"{len(signals.members)} values: {', '.join(signals.members[:8])}",
                 got=str(len(values)),
             )
-        exchanged = self._instance_named(component).column_names
-        for one, each in zip(members, values, strict=True):
-            if one in exchanged:
-                self.override(component, one, float(each))
+        for one, each in zip(signals.members, values, strict=True):
+            if one in signals.exchanged:
+                self.override(signals.component, one, float(each))
             else:
-                self.set(component, one, each)
+                self.set(signals.component, one, each)
 
-    def _instance_named(self, component: str) -> ComponentInstance:
+    def named(self, name: str) -> NamedSignals:
+        """Return the signals that a name stands for.
+
+        Raises
+        ------
+        InputError : no such component or variable.
+        """
         self.check_open()
-        return next(one for one in self.instances if one.name == component)
+        if name not in self._named:
+            self._named[name] = self._signals_of(name)
+        return self._named[name]
 
-    def named(self, name: str) -> tuple[str, list[str], bool]:
-        """Return the component, its variables, and whether it is a single one."""
+    def _signals_of(self, name: str) -> NamedSignals:
         component, _, variable = name.partition(".")
         if component not in self.system.components:
             raise InputError.unknown("component", component, self.system.components, where=name)
-        columns = self._instance_named(component).column_names
+        columns = next(one for one in self.instances if one.name == component).column_names
         ports = self.system.components[component].description.ports
         if not variable:
             raise InputError(
@@ -177,17 +200,14 @@ class SessionBase(ABC):
                 where=name,
                 expected=f"as in {name}.{next(iter(columns or ports), 'x')}",
             )
-        if variable in columns or (variable in ports and not ports[variable].dimensions):
-            return component, [variable], True
-        group = (f"{variable}.", f"{variable}[")
-        members = [one for one in columns if one.startswith(group)]
-        members += [one for one in ports if one.startswith(group) and one not in columns]
-        if not members and variable in ports:
-            return component, [variable], True
+        known = dict.fromkeys([*columns, *ports])
+        members = [one for one in known if is_inside(one, variable)]
+        scalar = variable in columns or (variable in ports and not ports[variable].dimensions)
+        if scalar or (variable in ports and not members):
+            members = [variable]
         if not members:
-            known = [*columns, *ports]
             raise InputError.unknown("variable", variable, known, where=f"component {component!r}")
-        return component, members, False
+        return NamedSignals(component, members, members == [variable], frozenset(columns))
 
     @property
     def time_s(self) -> float:

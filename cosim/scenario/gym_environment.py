@@ -106,8 +106,8 @@ class ScenarioEnvironment(gym.Env[Reals, Reals]):
         """Return single signals, those of groups one by one."""
         members = []
         for name in names:
-            component, inside, _ = self._session.named(name)
-            members += [f"{component}.{one}" for one in inside]
+            signals = self._session.named(name)
+            members += [f"{signals.component}.{one}" for one in signals.members]
         return members
 
     def _observed(self) -> Reals:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import copy
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -17,7 +16,6 @@ from typing import Any, Self
 import tomli_w
 
 from cosim.core import (
-    DESIGN_FILE,
     InputError,
     Layer,
     cache_folder,
@@ -60,7 +58,7 @@ class Scenario:
         result = cosim.run(s)
 
     It cannot be changed: every method returns another scenario. Keys, units and defaults are those
-    of the TOML (docs/reference/scenario.md); `until` is `run.end`.
+    of the TOML (Reference, Scenarios); `until` is `run.end`.
 
     Parameters
     ----------
@@ -71,7 +69,7 @@ class Scenario:
 
     Raises
     ------
-    InputError : by each method, where a key is none; by `check` and `cosim.run`, where parts do
+    InputError : by each method, where a key is none; by `loaded` and `cosim.run`, where parts do
         not fit.
     """
 
@@ -149,7 +147,7 @@ class Scenario:
         part = {key: settings.pop(key) for key in _OF_COMPONENT if key in settings}
         if parameters:
             part["parameters"] = dict(parameters)
-        if isinstance(what, str | PathLike) and not isinstance(what, DelaySystem):
+        if isinstance(what, str | PathLike):
             _known(f"components.{name}", settings, _OF_COMPONENT)
             part["fmu"] = str(what)
         else:
@@ -266,7 +264,7 @@ class Scenario:
             controller, plant, design = found
             file = str(_kept_design(design))
             data["design"] = {"file": file, "controller": controller, "plant": plant}
-        if self.has_code and not self.may_be_forked:
+        if self.flies_here_alone:
             data["run"]["supervise"] = False
         text = tomli_w.dumps(data)
         return Source(self._name, data, (Layer(f"{self._name}.toml", text),), self._folder)
@@ -277,9 +275,22 @@ class Scenario:
         return any(isinstance(what, Component) for what, _ in self._objects.values())
 
     @property
-    def may_be_forked(self) -> bool:
-        """Whether a child process of this one, here and now, would have the code."""
-        return default_method() == "fork"
+    def flies_here_alone(self) -> bool:
+        """Whether a child of this process would not have its code: one that is no fork of it."""
+        return self.has_code and default_method() != "fork"
+
+    def check_forks(self, processes: str, where: str, instead: str) -> None:
+        """Refuse other processes that would not have the Python code of this scenario.
+
+        processes : what they are; where : who asks for them; instead : what can be done.
+        """
+        if self.flies_here_alone:
+            raise InputError(
+                f"{processes} would not have the Python code of this scenario",
+                where=where,
+                expected=f"{instead}, or a process that can be forked",
+                got="one with other threads or with libraries of FMUs, or a system without fork",
+            )
 
     def loaded(
         self, flavour: str = DEFAULT_FLAVOUR, settings: Sequence[str] = ()
@@ -332,7 +343,7 @@ def _spec(what: Any, name: str, settings: dict[str, Any]) -> ComponentSpec:
 
 def _kept_design(design: Result) -> Path:
     """Return the file of a design in the user's cache, by its content."""
-    text = json.dumps(DESIGN_FILE.stamped(design.to_json()), sort_keys=True, allow_nan=False)
+    text = design.file_text()
     digest = hashlib.sha256(text.encode()).hexdigest()[:16]
     path = cache_folder() / "designs" / f"{digest}.json"
     if not path.is_file():

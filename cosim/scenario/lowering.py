@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from cosim.core import Findings, InputError, KeyPath
+from cosim.core import Findings, InputError, KeyPath, is_inside
 from cosim.fmu import FmuDescription, Port
 from cosim.fmu.export import ComponentSpec, component_module
 from cosim.master import Connection, Endpoint
@@ -369,7 +369,7 @@ class _Lowering:
         groups = [path.target for _, path in scenario.paths()]
         groups += [] if scenario.disturbance is None else [scenario.disturbance.target]
         return str(end) not in driven and not any(
-            str(end).startswith((f"{group}.", f"{group}[")) or str(end) == group for group in groups
+            is_inside(str(end), group) or str(end) == group for group in groups
         )
 
     def _feeding(self, end: Endpoint) -> tuple[ConnectionPart, Endpoint] | None:
@@ -478,10 +478,7 @@ class _Lowering:
             Endpoint(end.component, port.name)
             for port in fmu.ports.values()
             if port.causality == causality
-            and (
-                port.name == end.variable
-                or port.name.startswith((f"{end.variable}.", f"{end.variable}["))
-            )
+            and (port.name == end.variable or is_inside(port.name, end.variable))
         ]
         if not found:
             names = [p.name for p in fmu.ports.values() if p.causality == causality]

@@ -59,8 +59,9 @@ def run(
     ------
     InputError, ComponentError, NotAchievableError, LossError : see `prepare` and `execute_run`.
     """
+    if supervise and isinstance(scenario, Scenario):
+        scenario.check_forks("a child process", "supervise", "supervise=False")
     prepared = _prepared(scenario, settings, fmus, flavour)
-    supervise = _supervised(scenario, supervise=supervise)
     supervision = supervision_of(prepared.loaded.scenario, limits, supervise=supervise)
     rows = RowsInMemory(prepared.loaded.name) if keep and trace is None else None
     into = rows if trace is None else Path(trace)
@@ -111,8 +112,9 @@ def open_session(
     InputError, ComponentError : as `run`; a ComponentError too where closing it ends the process
         of a component.
     """
+    if supervise and isinstance(scenario, Scenario):
+        scenario.check_forks("a child process", "supervise", "supervise=False")
     prepared = _prepared(scenario, settings, fmus, flavour)
-    supervise = _supervised(scenario, supervise=supervise)
     supervision = supervision_of(prepared.loaded.scenario, limits, supervise=supervise)
     system, events = assembled_system(prepared)
     session: ScenarioSession | SupervisedSession
@@ -131,27 +133,6 @@ def open_session(
         yield session
     if session.end_failure is not None:
         raise session.end_failure
-
-
-def _supervised(
-    scenario: str | Path | Scenario | ScenarioPart, *, supervise: bool | None
-) -> bool | None:
-    """Return whether to supervise a run: one with Python code only where the child is a fork.
-
-    Raises
-    ------
-    InputError : it is asked for, and the child would not have the code.
-    """
-    if not (isinstance(scenario, Scenario) and scenario.has_code) or scenario.may_be_forked:
-        return supervise
-    if supervise:
-        raise InputError(
-            "a child process would not have the Python code of this scenario",
-            where="supervise",
-            expected="supervise=False, or a process that can be forked",
-            got="one with other threads or with libraries of FMUs, or a system without fork",
-        )
-    return False
 
 
 def _prepared(

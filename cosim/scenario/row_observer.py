@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError
+from cosim.core import InputError, is_inside
 from cosim.master import ComponentInstance, Observer
 
 _Place = tuple[ComponentInstance, int]
@@ -35,8 +35,7 @@ class Row:
         """Return the value of an output, or of a group of them an array of doubles, (outputs,)."""
         if name in self._outputs:
             return self._value(self._outputs[name])
-        group = (f"{name}.", f"{name}[")
-        inside = [place for known, place in self._outputs.items() if known.startswith(group)]
+        inside = [place for known, place in self._outputs.items() if is_inside(known, name)]
         if not inside:
             raise InputError.unknown("output", name, self._outputs, where="row")
         return np.array([self._value(place) for place in inside])

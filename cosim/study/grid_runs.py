@@ -11,7 +11,7 @@ from typing import Any
 
 from cosim.core import InputError, Layer, Origin, Progress, optional, valid
 from cosim.fmu.export import DEFAULT_FLAVOUR
-from cosim.scenario import LoadedScenario, Scenario, load
+from cosim.scenario import Scenario, load
 from cosim.study.running import FMUS, run_study
 from cosim.study.schema import Study
 from cosim.study.table import read_table
@@ -58,14 +58,8 @@ def sweep(
     InputError : an empty grid, a path or metric that is none, or pandas is not installed.
     CosimError : as `run_study`.
     """
-    alone = isinstance(scenario, Scenario) and scenario.has_code and not scenario.may_be_forked
-    if alone and workers != 1:
-        raise InputError(
-            "worker processes would not have the Python code of this scenario",
-            where="workers",
-            expected="workers=1, or a process that can be forked",
-            got="one with other threads or with libraries of FMUs, or a system without fork",
-        )
+    if workers != 1 and isinstance(scenario, Scenario):
+        scenario.check_forks("worker processes", "workers", "workers=1")
     optional("pandas", extra="tables", what="the frame of a sweep needs pandas")
     loaded = scenario.loaded(flavour) if isinstance(scenario, Scenario) else load(str(scenario))
     names = {re.sub(r"\W+", "_", path).strip("_"): path for path in grid}
@@ -83,34 +77,16 @@ def sweep(
         "metrics": dict(metrics or METRICS),
     }
     study = valid(Study, data, Origin((Layer("sweep", ""),)))
-    if out is not None:
-        return _frame(study, loaded, Path(out), names, workers, fmus, flavour, limits, progress)
     with tempfile.TemporaryDirectory(prefix="sweep-") as folder:
-        place = Path(folder, "study")
-        return _frame(study, loaded, place, names, workers, fmus, flavour, limits, progress)
-
-
-def _frame(
-    study: Study,
-    loaded: LoadedScenario,
-    out: Path,
-    names: Mapping[str, str],
-    workers: int | str,
-    fmus: str | PathLike[str],
-    flavour: str,
-    limits: Iterable[str],
-    progress: Progress | None,
-) -> Any:
-    """Run the study and return its table, the axes under the paths of the grid."""
-    run_study(
-        *(study, out),
-        scenario=loaded,
-        workers=workers,
-        fmus=Path(fmus),
-        flavour=flavour,
-        limits=[*limits],
-        progress=progress,
-    )
-    frame = read_table(out)[0].to_pandas()
-    kept = [*names, "status", *study.metrics]
-    return frame[kept].rename(columns=dict(names))
+        place = Path(folder, "study") if out is None else Path(out)
+        run_study(
+            *(study, place),
+            scenario=loaded,
+            workers=workers,
+            fmus=Path(fmus),
+            flavour=flavour,
+            limits=[*limits],
+            progress=progress,
+        )
+        frame = read_table(place)[0].to_pandas()
+    return frame[[*names, "status", *study.metrics]].rename(columns=names)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, is_inside
 from cosim.trace.rows import layout
 from cosim.trace.rows.layout import Signal
 from cosim.trace.tables import traffic
@@ -98,8 +98,7 @@ class Recorded(Framed):
         ------
         InputError : no such signal or group.
         """
-        inside = (f"{name}.", f"{name}[")
-        found = [one for one in self.signals if one == name or one.startswith(inside)]
+        found = [one for one in self.signals if one == name or is_inside(one, name)]
         if not found:
             self.place(name)  # a column of a topic without a description of its signals
         return found or [name]
@@ -148,8 +147,7 @@ class Recorded(Framed):
         return group_of(self.read(topics[0]), name, [own for _, own in places])
 
     def __contains__(self, name: object) -> bool:
-        inside = (f"{name}.", f"{name}[")
-        return any(one == name or one.startswith(inside) for one in self.signals)
+        return any(one == name or is_inside(one, str(name)) for one in self.signals)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.signals)

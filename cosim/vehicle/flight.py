@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -14,7 +13,6 @@ import numpy as np
 
 from cosim import hinf, scenario
 from cosim.core import (
-    DESIGN_FILE,
     PLANT_NOTE,
     InputError,
     Progress,
@@ -146,7 +144,7 @@ def fly(  # noqa: PLR0915 - one step after the other
         across = crossings(sensors, mission.names(model.states), chosen)
         for line in crossing_lines(across, craft.sensors, model.states):
             steps.add(line)
-        _save(design, where / DESIGN)
+        write_whole(where / DESIGN, design.file_text().encode())
     with steps("plant, sensors and controller as FMUs"):
         names = _write_fmus(model, mission, design, where)
         steps.add(", ".join(names))
@@ -174,7 +172,7 @@ def fly(  # noqa: PLR0915 - one step after the other
             bounds = ", ".join(f"{name} {b:.3g}" for name, b in model.envelope.items())
             steps.add(f"the same gains are certified for a wider one, gamma {design.gamma:.4g}:")
             steps.add(f"{bounds}; flown again")
-            _save(design, where / DESIGN)
+            write_whole(where / DESIGN, design.file_text().encode())
             _write_fmus(model, mission, design, where)
     picture, why = None, None
     with steps("picture"):
@@ -314,11 +312,6 @@ def _mission(model: LinearModel, design: hinf.Result, settings: FlightSettings) 
         model.actuation.authority.tolist(),
         settings,
     )
-
-
-def _save(design: hinf.Result, path: Path) -> None:
-    data = DESIGN_FILE.stamped(design.to_json())
-    write_whole(path, f"{json.dumps(data, indent=1, allow_nan=False)}\n".encode())
 
 
 def _write_fmus(

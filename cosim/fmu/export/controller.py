@@ -115,8 +115,10 @@ def controller_spec(
     InputError : no certificate, a proof that does not hold, no control input, a sample time or
         limits that do not fit.
     """
-    data = data.to_json() if isinstance(data, Result) else data
-    proof = check_certificate(data)
+    if isinstance(data, Result):
+        proof, data = data.check(), data.to_json()
+    else:
+        proof = check_certificate(data)
     if not proof.valid:
         raise InputError("the proof of this design does not hold", where=where, got=proof.reason)
     if "K" not in data:

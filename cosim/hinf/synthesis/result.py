@@ -149,9 +149,13 @@ class Result(delay_lti.HasFigures, Value):
             yield f"{self.guarantees!r}, and {proved['guarantees']!r}"
 
     @cached_property
+    def _checked(self) -> CertificateCheck:
+        return check_certificate(self.certificate)
+
+    @property
     def certified(self) -> bool:
         """Whether the proof holds: checked here, once, so that no certificate is believed."""
-        return self.certificate is not None and check_certificate(self.certificate).valid
+        return self.certificate is not None and self._checked.valid
 
     @property
     def covers_smaller_delays(self) -> bool:
@@ -217,10 +221,7 @@ class Result(delay_lti.HasFigures, Value):
         ------
         InputError : nothing is proved.
         """
-        if self.certificate is None:
-            raise InputError(
-                "nothing is proved, and so there is nothing to save", got=self.reason or ""
-            )
+        self._require_certificate()
         return {**self.certificate, "figures": figures_to_json(self.least_gamma, self.figures)}
 
     def save(self, path: str | PathLike[str]) -> Path:
@@ -230,10 +231,14 @@ class Result(delay_lti.HasFigures, Value):
         ------
         InputError : nothing is proved, or the file cannot be written.
         """
-        text = json.dumps(DESIGN_FILE.stamped(self.to_json()), indent=1, allow_nan=False)
+        text = self.file_text()
         with not_written("the design", Path(path)):
-            write_whole(Path(path), f"{text}\n".encode())
+            write_whole(Path(path), text.encode())
         return Path(path)
+
+    def file_text(self) -> str:
+        """Return the JSON that its file has."""
+        return json.dumps(DESIGN_FILE.stamped(self.to_json()), indent=1, allow_nan=False) + "\n"
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Self:
@@ -294,13 +299,20 @@ class Result(delay_lti.HasFigures, Value):
         return cls(**facts, figures=figures, certificate=_kept(data))
 
     def check(self) -> CertificateCheck:
-        """Check the proof again, in rational arithmetic and without a solver.
+        """Check the proof in rational arithmetic, without a solver; once for the same result.
 
         Raises
         ------
         InputError : nothing is proved.
         """
-        return check_certificate(self.to_json())
+        self._require_certificate()
+        return self._checked
+
+    def _require_certificate(self) -> None:
+        if self.certificate is None:
+            raise InputError(
+                "nothing is proved, and so there is nothing to save", got=self.reason or ""
+            )
 
     @cached_property
     def loop(self) -> delay_lti.DelayLTI:

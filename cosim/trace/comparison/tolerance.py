@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, is_inside
 
 Floats = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class Tolerances:
 
 
 def _covers(key: str, name: str) -> bool:
-    return name == key or name.startswith((f"{key}.", f"{key}["))
+    return name == key or is_inside(name, key)
 
 
 def distances(a: NDArray[Any], b: NDArray[Any]) -> tuple[Floats, Floats]:

@@ -8,13 +8,13 @@ from typing import Annotated, Literal
 from pydantic import Field, computed_field
 from pydantic.dataclasses import dataclass
 
-from cosim.trace.outcome.read_json import AsJson, as_text, by_either_name, or_else
+from cosim.trace.outcome.read_json import BY_EITHER_NAME, AsJson, as_text, or_else
 
 Result = Literal["holds", "fails", "undecided"]
 """How an assertion came out."""
 
 
-@dataclass(frozen=True, kw_only=True, config=by_either_name)
+@dataclass(frozen=True, kw_only=True, config=BY_EITHER_NAME)
 class AssertionResult(AsJson):
     """The result of one assertion.
 

@@ -19,7 +19,7 @@ from pydantic import (
 )
 from pydantic_core import to_jsonable_python
 
-by_either_name: Final = ConfigDict(populate_by_name=True)
+BY_EITHER_NAME: Final = ConfigDict(populate_by_name=True)
 """Of a class with a field that has another name in files."""
 FROM_FILE: Final = {"from_file": True}
 """Context of a validation that a file is read with."""

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, is_inside
 from cosim.trace.file.records import LATEST_NS
 from cosim.trace.rows.hold import interpolated, rows_in_force, sample_and_hold
 from cosim.trace.rows.layout import Signal
@@ -119,7 +119,7 @@ def _members(table: Joinable, what: str | Sequence[str] | None) -> list[str]:
         return list(table.columns)
     found: dict[str, None] = {}
     for name in [what] if isinstance(what, str) else what:
-        inside = [c for c in table.columns if c == name or c.startswith((f"{name}.", f"{name}["))]
+        inside = [c for c in table.columns if c == name or is_inside(c, name)]
         if not inside:
             raise InputError.unknown("signal", name, table.columns, where=f"topic {table.topic}")
         found |= dict.fromkeys(inside)

@@ -16,6 +16,7 @@
 #include "draws.h"
 #include "link_step.h"
 #include "model.h"
+#include "no_feedthrough.h"
 #include "variable.h"
 
 #define LANES ((size_t)MODEL_INPUTS)
@@ -263,15 +264,6 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     receive_due(b, v);
     publish(b, v);
     return 1;
-}
-
-int behaviour_refresh(Behaviour *b, double *v, Message *why) {
-    (void)b, (void)v, (void)why; /* no output depends on an input without delay */
-    return 1;
-}
-
-void behaviour_direction(const Behaviour *b, const double *v, const double *change, double *out) {
-    (void)b, (void)v, (void)change, (void)out;
 }
 
 /* ---- the whole state */

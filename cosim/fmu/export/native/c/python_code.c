@@ -13,6 +13,7 @@ __declspec(dllimport) int __stdcall IsBadReadPtr(const void *from, size_t size);
 #include "arithmetic.h"
 #include "behaviour.h"
 #include "model.h"
+#include "no_feedthrough.h"
 #include "variable.h"
 
 #define INPUTS ((size_t)MODEL_INPUTS)
@@ -106,15 +107,6 @@ int behaviour_advance(Behaviour *b, double *v, double until, Message *why) {
     if (!publish(b, v, why)) return 0;
     b->time = until;
     return 1;
-}
-
-int behaviour_refresh(Behaviour *b, double *v, Message *why) {
-    (void)b, (void)v, (void)why; /* no output depends on an input without delay */
-    return 1;
-}
-
-void behaviour_direction(const Behaviour *b, const double *v, const double *change, double *out) {
-    (void)b, (void)v, (void)change, (void)out;
 }
 
 size_t behaviour_size(const Behaviour *b) {

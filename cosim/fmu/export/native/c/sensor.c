@@ -8,6 +8,7 @@
 #include "behaviour.h"
 #include "draws.h"
 #include "model.h"
+#include "no_feedthrough.h"
 #include "variable.h"
 
 #define LANES ((size_t)MODEL_INPUTS)
@@ -64,15 +65,6 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     }
     b->time = end;
     return 1;
-}
-
-int behaviour_refresh(Behaviour *b, double *v, Message *why) {
-    (void)b, (void)v, (void)why; /* no output depends on an input without delay */
-    return 1;
-}
-
-void behaviour_direction(const Behaviour *b, const double *v, const double *change, double *out) {
-    (void)b, (void)v, (void)change, (void)out;
 }
 
 size_t behaviour_size(const Behaviour *b) {

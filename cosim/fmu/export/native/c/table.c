@@ -7,6 +7,7 @@
 #include "behaviour.h"
 #include "clock.h"
 #include "model.h"
+#include "no_feedthrough.h"
 #include "variable.h"
 
 #define OUTPUTS ((size_t)MODEL_OUTPUTS)
@@ -54,15 +55,6 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     b->clock = clock_moved(b->clock, end);
     publish(b, v);
     return 1;
-}
-
-int behaviour_refresh(Behaviour *b, double *v, Message *why) {
-    (void)b, (void)v, (void)why; /* there are no inputs */
-    return 1;
-}
-
-void behaviour_direction(const Behaviour *b, const double *v, const double *change, double *out) {
-    (void)b, (void)v, (void)change, (void)out;
 }
 
 size_t behaviour_size(const Behaviour *b) {

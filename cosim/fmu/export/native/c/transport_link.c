@@ -10,6 +10,7 @@
 #include "behaviour.h"
 #include "clock.h"
 #include "model.h"
+#include "no_feedthrough.h"
 #include "variable.h"
 
 #define LANES ((size_t)MODEL_INPUTS)
@@ -75,15 +76,6 @@ int behaviour_advance(Behaviour *b, double *v, double end, Message *why) {
     memmove(b->row, here, (b->count - k) * sizeof *b->row);
     b->count -= k;
     return 1;
-}
-
-int behaviour_refresh(Behaviour *b, double *v, Message *why) {
-    (void)b, (void)v, (void)why; /* no output depends on an input without delay */
-    return 1;
-}
-
-void behaviour_direction(const Behaviour *b, const double *v, const double *change, double *out) {
-    (void)b, (void)v, (void)change, (void)out;
 }
 
 #define EACH (1 + LANES)
