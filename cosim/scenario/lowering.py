@@ -35,7 +35,7 @@ from cosim.scenario.units import in_own_unit, in_unit_of, unit_of
 from cosim.scenario.values import parse_value
 from cosim.trace.rows import link_topic
 
-_SENSOR = component_module("plain_sensor.variables")
+_SENSOR = component_module("sensor.variables")
 _SETTINGS = ("noise", "bias", "drift", "resolution", "least", "greatest")
 _TOPIC_OF_LINKS = link_topic("").strip("/")
 
@@ -204,7 +204,7 @@ class _Lowering:
         values = [(lane, self._unit(end)) for end, lane in lanes.items()]
         freeze = part.freeze
         never = self._scenario.run.end * 2.0 + 1.0
-        spec = _SENSOR.plain_sensor_spec(
+        spec = _SENSOR.sensor_at_once_spec(
             name,
             values,
             {},

@@ -1,1 +1,1 @@
-"""A sensor as a component: sampled values with noise and the time at which they were taken."""
+"""A sensor as a component: stamped and sampled for a link, or seen at once on a connection."""

@@ -47,8 +47,8 @@ def spec_of(name: str) -> ComponentSpec:  # noqa: PLR0911 - one per kind
     if name == "sensor":
         sensor_spec = component_module("sensor.variables").sensor_spec
         return sensor_spec("Log", [("a", "m"), ("b", None)], noise=(0.5, 0.0), sample_time=0.15)
-    if name == "plain_sensor":
-        sensor_spec = component_module("plain_sensor.variables").plain_sensor_spec
+    if name == "sensor at once":
+        sensor_spec = component_module("sensor.variables").sensor_at_once_spec
         settings = {"noise": 0.5, "resolution": 0.125, "greatest": 1.0}
         return sensor_spec("gps", [("a", "m"), ("b.x", None)], settings, sample_time=0.15)
     if name == "computed":
@@ -97,6 +97,7 @@ KINDS = {
     "PaperController": "sampled",
     "packet": "packet_link",
     "transport": "transport_link",
+    "sensor at once": "sensor",
 }
 """Component -> the kind of its binary, where it has another name."""
 FLAVOURS = {"2.0": "native", "3.0": "native-fmi3"}
@@ -108,7 +109,7 @@ MEMBERS = sampled(
         *(("table", "2.0"), ("AuvPlant", "2.0"), ("DelayedPlant", "3.0"), ("packet", "2.0")),
         *(("PaperController", "3.0"), ("transport", "3.0"), ("table", "3.0"), ("TwoDelays", "3.0")),
         ("sensor", "2.0"),
-        ("plain_sensor", "2.0"),
+        ("sensor at once", "2.0"),
         ("computed", "3.0"),
     ],
     2,

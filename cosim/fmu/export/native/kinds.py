@@ -15,7 +15,6 @@ from cosim.tape import Scalar, required_places, tangents
 StateFeedback: Any = component_module("hinf_controller.behaviour").StateFeedback
 LinkChannel: Any = component_module("link_channel.behaviour").LinkChannel
 Computed: Any = component_module("computed.behaviour").Computed
-PlainSensor: Any = component_module("plain_sensor.behaviour").PlainSensor
 Sensor: Any = component_module("sensor.behaviour").Sensor
 SignalTable: Any = component_module("signal_table.behaviour").SignalTable
 PythonCode: Any = component_module("python_code.behaviour").PythonCode
@@ -34,7 +33,6 @@ FILES = {
     "packet_link": ("draws.c", "packet_link.c"),
     "transport_link": ("transport_link.c",),
     "sensor": ("draws.c", "sensor.c"),
-    "plain_sensor": ("draws.c", "plain_sensor.c"),
     "computed": ("computed.c",),
     "table": ("table.c",),
     "python_code": ("python_code.c",),
@@ -160,7 +158,12 @@ def _record_sampled(model: NativeModel, behaviour: Any) -> str:
 
 
 def _record_link(model: NativeModel, behaviour: Any) -> str:
-    _record_lanes(model, behaviour.signals, "initial")
+    for table, name in (
+        ("model_inputs", "u"),
+        ("model_outputs", "y"),
+        ("model_initials", "initial"),
+    ):
+        model.tables[table] = [f"{name}[{i}]" for i in range(1, behaviour.signals + 1)]
     if behaviour.kind == "transport":
         return "transport_link"
     names = [v.name for v in model.spec.variables]
@@ -171,34 +174,22 @@ def _record_link(model: NativeModel, behaviour: Any) -> str:
 
 
 def _record_sensor(model: NativeModel, behaviour: Any) -> str:
-    _record_lanes(model, behaviour.count, "bias")
-    model.tables["model_others"] = [f"noise[{i}]" for i in range(1, behaviour.count + 1)]
+    """Name the variables of each value of a sensor; see c/sensor.c."""
+    for table, role in (
+        ("model_inputs", "input"),
+        ("model_outputs", "output"),
+        ("model_initials", "bias"),
+        ("model_others", "noise"),
+        ("model_states", "drift"),
+        ("model_watched", "resolution"),
+        ("model_measured", "least"),
+        ("model_acting", "greatest"),
+    ):
+        model.tables[table] = behaviour.lanes.get(role, [])
+    at_once = ("frozen", "freeze.from", "freeze.until", "uniform")
+    model.absent = at_once if behaviour.stamped else ("stamp", "offset")
     model.text = behaviour.name
     return "sensor"
-
-
-def _record_lanes(model: NativeModel, count: int, initials: str) -> None:
-    """Name inputs u[i], outputs y[i] and a third for each."""
-    named = {"model_inputs": "u", "model_outputs": "y", "model_initials": initials}
-    for table, name in named.items():
-        model.tables[table] = [f"{name}[{i}]" for i in range(1, count + 1)]
-
-
-def _record_plain_sensor(model: NativeModel, behaviour: Any) -> str:
-    """Record a sensor on a plain connection."""
-    for table, fault in (
-        ("model_inputs", "true."),
-        ("model_outputs", ""),
-        ("model_initials", "bias."),
-        ("model_others", "noise."),
-        ("model_states", "drift."),
-        ("model_watched", "resolution."),
-        ("model_measured", "least."),
-        ("model_acting", "greatest."),
-    ):
-        model.tables[table] = [f"{fault}{name}" for name in behaviour.values]
-    model.text = behaviour.name
-    return "plain_sensor"
 
 
 def _record_computed(model: NativeModel, behaviour: Any) -> str:
@@ -229,7 +220,6 @@ _RECORDERS: dict[Any, Callable[[NativeModel, Any], str]] = {
     WaveField: record_waves,
     LinkChannel: _record_link,
     Sensor: _record_sensor,
-    PlainSensor: _record_plain_sensor,
     Computed: _record_computed,
     PythonCode: _record_python_code,
     SignalTable: _record_table,
