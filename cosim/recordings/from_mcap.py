@@ -14,7 +14,6 @@ from cosim.network import IN_FLIGHT_NS, NOT_RECEIVED, REASONS, Recording
 from cosim.recordings.lost_messages import with_due
 from cosim.trace import Trace
 from cosim.trace.rows import link_topic
-from cosim.trace.tables import link_names
 
 _MAGIC = b"\x89MCAP"
 _MISSED = tuple(REASONS[status] for status in NOT_RECEIVED)
@@ -39,7 +38,7 @@ def recordings_in(path: Path) -> dict[str, Recording]:
         messages.
     """
     trace = Trace(path)
-    names = link_names(trace)
+    names = trace.link_names
     if names:
         links = {name: _of_link(trace, name) for name in names}
         found = {name: recording for name, recording in links.items() if recording is not None}

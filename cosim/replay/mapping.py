@@ -10,7 +10,6 @@ from cosim.fmu import FmuDescription
 from cosim.scenario import ScenarioPart
 from cosim.trace import Trace
 from cosim.trace.rows import GREATEST_AGE, component_of, input_topic, link_topic, output_topic
-from cosim.trace.tables import link_names
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +156,7 @@ def as_delivered(trace: Trace, source: Source) -> Source:
         return source
     links = [
         link
-        for link in link_names(trace)
+        for link in trace.link_names
         if any(s.name == source.name for s in trace.topics[link_topic(link)].signals)
     ]
     if not links:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError, pyplot, save_picture
 from cosim.trace.reader import Trace
 from cosim.trace.tables.table import Table
-from cosim.trace.tables.traffic import deliveries, link_names, loop_age
+from cosim.trace.tables.traffic import loop_age
 
 _COLOURS = ("#0b6e99", "#d1495b", "#5f7a3d", "#8a5a9e")
 _FORCES = ("force.x", "force.y", "force.z", "moment.z")
@@ -106,7 +106,7 @@ class _RunRows:
         self.command = trace.read("/controller/output")
         self.received = trace.read("/plant/input")
         into = trace.read("/controller/input") if "/controller/input" in trace.topics else None
-        self.links = [deliveries(trace, link) for link in link_names(trace)]
+        self.links = [trace.delivered(link) for link in trace.link_names]
         self.seconds = self.plant.log_time_ns / 1e9
         self.controlled = self.command.log_time_ns / 1e9
         self.step_ns = int((trace.run or {}).get("step_ns", 0))

@@ -27,8 +27,8 @@ from cosim.trace.outcome.run_outcome import RunOutcome, outcome_of
 from cosim.trace.recorded_rows import Recorded
 from cosim.trace.rows import layout
 from cosim.trace.tables.gather import TopicRows
-from cosim.trace.tables.join import window_ns
 from cosim.trace.tables.table import Series, Table
+from cosim.trace.tables.time_base import window_ns
 from cosim.trace.tables.topic_info import TopicInfo
 
 PART_BYTES = 2**23

@@ -15,7 +15,8 @@ from cosim.core import InputError, is_inside
 from cosim.trace.rows import layout
 from cosim.trace.rows.layout import Signal
 from cosim.trace.tables import traffic
-from cosim.trace.tables.frames import Align, Between, Framed, Joined
+from cosim.trace.tables.column import Align, Between, Joined
+from cosim.trace.tables.frames import Framed
 from cosim.trace.tables.join import joined
 from cosim.trace.tables.table import Series, Table, group_of, series_of
 from cosim.trace.tables.topic_info import TopicInfo
@@ -194,12 +195,48 @@ class Recorded(Framed):
         tables = self.read_all(list(needed), start=start, end=end)
         return {}, [joined(self.where, wanted, self.signals, tables, align, between)]
 
+    @property
+    def link_names(self) -> list[str]:
+        """The names of the links, in order of appearance."""
+        prefix = layout.link_topic("")
+        names = [topic.removeprefix(prefix) for topic in self.topics if topic.startswith(prefix)]
+        return [name for name in names if "/" not in name]
+
     def age(
         self, link: str, at: NDArray[np.float64] | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return instants [s] and the age [s] of the message in use (see `tables.traffic`)."""
-        return traffic.age(self, link, at)
+        """Return instants [s] and the age [s] of the message in use there, since its sending.
+
+        at : instants [s]; by default just before and at each delivery, from the first one on.
+
+        Raises
+        ------
+        InputError : no such link.
+        """
+        delivered, lost = self.delivered(link), layout.dropped_topic(link)
+        dropped = self.read(lost) if lost in self.topics else None
+        metadata = self.topics[layout.link_topic(link)].metadata
+        return traffic.age_in_use(delivered, dropped, metadata, at)
+
+    def delivered(self, link: str) -> Table:
+        """Read the messages that a link delivered, at `log_time_ns`; sent at `publish_time_ns`.
+
+        Raises
+        ------
+        InputError : no such link.
+        """
+        return self._link_rows(link, layout.link_topic(link))
 
     def dropped(self, link: str) -> Table:
-        """Read the messages that a link dropped, with the reason (see `tables.traffic`)."""
-        return traffic.dropped(self, link)
+        """Read the messages that a link dropped, with the `reason`; they were due at `log_time_ns`.
+
+        Raises
+        ------
+        InputError : no such link.
+        """
+        return self._link_rows(link, layout.dropped_topic(link))
+
+    def _link_rows(self, link: str, topic: str) -> Table:
+        if topic not in self.topics:
+            raise InputError.unknown("link", link, self.link_names, where=self.where)
+        return self.read(topic)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.trace.recorded_rows import Recorded
@@ -15,25 +13,60 @@ from cosim.trace.rows import layout
 from cosim.trace.rows.hold import blanks
 from cosim.trace.rows.layout import DTYPES, Signal
 from cosim.trace.rows.rows import Lines, Poses, Rows
-from cosim.trace.tables.join import window_ns
+from cosim.trace.tables.growing import GrowingColumn
 from cosim.trace.tables.table import Table
 from cosim.trace.tables.topic_info import TopicInfo
 
 Parts = Sequence[Rows | Poses | Lines]
 
 
-@dataclass
 class _Topic:
     """The rows of one topic so far."""
 
-    name: str
-    signals: tuple[Signal, ...]
-    metadata: Mapping[str, str]
-    parts: list[Rows] = field(default_factory=list)
+    def __init__(
+        self, name: str, signals: Sequence[Signal], metadata: Mapping[str, str] | None
+    ) -> None:
+        self.name, self.signals, self.metadata = name, tuple(signals), metadata or {}
+        self._heads = [GrowingColumn(np.int64, 0) for _ in range(3)]
+        self._columns = [GrowingColumn(DTYPES[signal.kind], 0) for signal in signals]
 
-    @property
-    def count(self) -> int:
-        return sum(part.log_ns.size for part in self.parts)
+    def __len__(self) -> int:
+        return self._heads[0].values.size
+
+    def add(self, rows: Rows) -> None:
+        """Take rows, as copies."""
+        for head, part in zip(
+            self._heads, (rows.log_ns, rows.publish_ns, rows.sequence), strict=True
+        ):
+            head.extend(part, None)
+        if isinstance(rows.values, np.ndarray):
+            for place, column in enumerate(self._columns):
+                column.extend(rows.values[:, place], None)
+            return
+        for column, values in zip(self._columns, zip(*rows.values, strict=True), strict=True):
+            there = np.array([value is not None for value in values], np.bool_)
+            blank = blanks(column.values.dtype, 1)[0]
+            filled = [blank if value is None else value for value in values]
+            column.extend(filled, None if there.all() else there)
+
+    def table(self) -> Table:
+        """Return the rows so far."""
+        names = [signal.name for signal in self.signals]
+        everywhere = np.ones(len(self), np.bool_)
+        log, publish, sequence = (head.values for head in self._heads)
+        present = [column.present for column in self._columns]
+        return Table(
+            self.name,
+            log,
+            publish,
+            sequence,
+            {name: column.values for name, column in zip(names, self._columns, strict=True)},
+            {
+                name: everywhere if there is None else there
+                for name, there in zip(names, present, strict=True)
+            },
+            dict(zip(names, self.signals, strict=True)),
+        )
 
 
 class RowsInMemory(Recorded):
@@ -51,7 +84,6 @@ class RowsInMemory(Recorded):
     def __init__(self, name: str) -> None:
         self._name = name
         self._topics: list[_Topic] = []
-        self._tables: dict[str, Table] = {}
         self.ended = False
         self.log_lines: list[tuple[float, str, str, str]] = []
 
@@ -62,7 +94,7 @@ class RowsInMemory(Recorded):
         self.ended = True
 
     def __repr__(self) -> str:
-        rows = sum(map(self._count, self._topics))
+        rows = sum(map(len, self._topics))
         return f"<RowsInMemory {self._name}: {len(self._topics)} topics, {rows} rows>"
 
     @property
@@ -79,7 +111,7 @@ class RowsInMemory(Recorded):
         metadata: Mapping[str, str] | None = None,
     ) -> int:
         """Declare a topic, as `TraceWriter.add_topic`; return its id."""
-        self._topics.append(_Topic(topic, tuple(signals), metadata or {}))
+        self._topics.append(_Topic(topic, signals, metadata))
         return len(self._topics) - 1
 
     def add_dropped_topic(self, link: str) -> int:
@@ -93,11 +125,7 @@ class RowsInMemory(Recorded):
                 for time_ns, line in zip(part.log_ns.tolist(), part.lines, strict=True):
                     self.log(time_ns, *line)
             elif isinstance(part, Rows) and part.log_ns.size:
-                values = part.values
-                own = values.copy() if isinstance(values, np.ndarray) else [*values]
-                heads = (part.publish_ns.copy(), part.sequence.copy())  # of a child, perhaps
-                kept = Rows(part.topic_id, part.log_ns.copy(), own, *heads)
-                self._topics[part.topic_id].parts.append(kept)
+                self._topics[part.topic_id].add(part)
 
     def log(self, time_ns: int, level: str, name: str, message: str) -> None:
         """Take a line of the log."""
@@ -122,7 +150,7 @@ class RowsInMemory(Recorded):
                 topic.name,
                 topic.signals,
                 topic.metadata,
-                self._count(topic),
+                len(topic),
                 self._spans,
             )
             for topic in self._topics
@@ -148,21 +176,8 @@ class RowsInMemory(Recorded):
         for name in known if topics is None else topics:
             if name not in known:
                 raise InputError.unknown("topic", name, known, where=self.where)
-            table = self._tables.get(name)
-            if table is None:
-                table = _table(known[name])
-                if self.ended:  # once, in place of its parts
-                    self._tables[name] = table
-                    known[name].parts.clear()
-            if start is not None or end is not None:
-                low, high = window_ns(start, end)
-                table = table.part((table.log_time_ns >= low) & (table.log_time_ns <= high))
-            found[name] = table
+            found[name] = known[name].table().within(start, end)
         return found
-
-    def _count(self, topic: _Topic) -> int:
-        table = self._tables.get(topic.name)
-        return topic.count if table is None else len(table)
 
     def _spans(self) -> dict[str, tuple[int, int]]:
         tables = self.read_all()
@@ -171,39 +186,3 @@ class RowsInMemory(Recorded):
             for name, table in tables.items()
             if len(table)
         }
-
-
-def _table(topic: _Topic) -> Table:
-    """Return the rows of a topic as a table."""
-    empty = np.zeros(0, np.int64)
-    log, publish, sequence = (
-        np.concatenate([empty, *(getattr(part, key) for part in topic.parts)]).astype(np.int64)
-        for key in ("log_ns", "publish_ns", "sequence")
-    )
-    columns: dict[str, NDArray[Any]] = {}
-    present: dict[str, NDArray[np.bool_]] = {}
-    for place, signal in enumerate(topic.signals):
-        pieces = [_column(part.values, place, signal) for part in topic.parts]
-        columns[signal.name] = np.concatenate(
-            [blanks(DTYPES[signal.kind], 0), *(values for values, _ in pieces)]
-        )
-        present[signal.name] = np.concatenate(
-            [np.zeros(0, np.bool_), *(there for _, there in pieces)]
-        )
-    signals = {signal.name: signal for signal in topic.signals}
-    return Table(topic.name, log, publish, sequence, columns, present, signals)
-
-
-def _column(
-    values: NDArray[np.float64] | Sequence[Sequence[Any]], place: int, signal: Signal
-) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Return one column, and where it has a value."""
-    if isinstance(values, np.ndarray):
-        column = values[:, place]
-        kept = column if signal.kind == "float" else column.astype(DTYPES[signal.kind])
-        return kept, np.ones(column.size, np.bool_)
-    listed = [row[place] for row in values]
-    there = np.array([value is not None for value in listed], np.bool_)
-    blank = blanks(DTYPES[signal.kind], 1)[0]
-    filled = [blank if value is None else value for value in listed]
-    return np.array(filled, DTYPES[signal.kind]), there

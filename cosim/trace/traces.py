@@ -15,7 +15,8 @@ from typing import Any, overload
 from cosim.core import InputError, optional
 from cosim.trace.reader import Trace
 from cosim.trace.rows import layout
-from cosim.trace.tables.frames import Align, Between, Framed, Joined
+from cosim.trace.tables.column import Align, Between, Joined
+from cosim.trace.tables.frames import Framed
 
 _ABOVE = ("scenario", "seed")
 _ELSEWHERE = ("title", "description", "run.seed")

@@ -67,7 +67,7 @@ class Link:
         self._fates.add(delivered.sequence)
         self._check_delays(delivered)
         self._check_sequence(delivered)
-        self._waiting = delivered if self._waiting is None else self._waiting.followed_by(delivered)
+        self._waiting = delivered.after(self._waiting)
 
     @property
     def earliest_ns(self) -> int | None:

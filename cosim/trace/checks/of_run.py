@@ -20,7 +20,6 @@ from cosim.trace.file.walk import Walk
 from cosim.trace.reader import Table, Trace
 from cosim.trace.recovered import Recovered
 from cosim.trace.rows import layout
-from cosim.trace.tables.traffic import link_names
 
 _HASHED = {
     "scenario.sha256": layout.SCENARIO_ATTACHMENT,
@@ -254,7 +253,7 @@ class _Links:
         self._transit_ns = transit_ns
         self._senders: dict[str, Sender] = {}
         self._links: list[tuple[str, str, Link]] = []
-        for name in link_names(trace):
+        for name in trace.link_names:
             topic, prefix = layout.link_topic(name), f"link.{name}."
             if trace.topics[topic].encoding != "protobuf":
                 continue

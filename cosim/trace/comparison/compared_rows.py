@@ -205,10 +205,10 @@ class TopicDiff:
         instants = np.union1d(a.log_time_ns, b.log_time_ns)
         instants = instants[(instants >= self._begin_ns) & (instants <= self._until_ns)]
         if self._in_force_before is not None:
-            a, b = self._in_force_before[0].followed_by(a), self._in_force_before[1].followed_by(b)
+            a, b = a.after(self._in_force_before[0]), b.after(self._in_force_before[1])
         rows_a = rows_in_force(a.log_time_ns, instants)
         self._compare(a, b, instants, rows_a, rows_in_force(b.log_time_ns, instants))
-        self._in_force_before = a.part(_last(a)), b.part(_last(b))
+        self._in_force_before = a.in_force(), b.in_force()
 
     def found(self) -> Iterator[SignalDiff]:
         """Yield the comparison of every signal that both traces have, after the last rows."""
@@ -251,13 +251,6 @@ class TopicDiff:
             distance[~in_a & ~in_b] = relative[~in_a & ~in_b] = 0.0
             allowed = self._tolerances.of(signal_name(self._topic, name))
             one.add(instants, distance, relative, exceeds(allowed, distance, relative))
-
-
-def _last(table: Table) -> NDArray[np.int64]:
-    """Return the number of the row in force at the end, (1,); (0,) without rows."""
-    order = np.argsort(table.log_time_ns, kind="stable")
-    last: NDArray[np.int64] = order[-1:]
-    return last
 
 
 def _finite(most: float) -> float | None:

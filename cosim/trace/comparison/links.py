@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from cosim.trace.reader import Table, Trace
 from cosim.trace.rows.layout import dropped_topic, link_topic
-from cosim.trace.tables.traffic import link_names
 
 Integers = NDArray[np.int64]
 
@@ -95,8 +94,7 @@ class LinkMatch:
 
 def links_of(a: Trace, b: Trace) -> dict[str, LinkMatch]:
     """Return a comparison of every link that both traces have, by its topic."""
-    theirs = link_names(b)
-    return {link_topic(link): LinkMatch(link) for link in link_names(a) if link in theirs}
+    return {link_topic(link): LinkMatch(link) for link in a.link_names if link in b.link_names}
 
 
 def _numbered(sequence: Integers) -> Integers:

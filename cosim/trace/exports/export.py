@@ -17,17 +17,16 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.core import InputError, Progress, not_written, silent, written_beside
 from cosim.trace.content import content_hash_of
-from cosim.trace.exports.files import CsvFile, ParquetFile, Sheet, pyarrow
+from cosim.trace.exports.files import CsvFile, ParquetFile, Sheet
 from cosim.trace.exports.mat_file import MatFile, bytes_of, check_size
 from cosim.trace.reader import Trace
-from cosim.trace.rows.hold import rows_in_force, sample_and_hold
-from cosim.trace.tables.frames import Column
-from cosim.trace.tables.join import window_ns
+from cosim.trace.tables.arrow import pyarrow
+from cosim.trace.tables.column import Column
 from cosim.trace.tables.table import Table
+from cosim.trace.tables.time_base import window_ns
 
 Format = Literal["csv", "parquet", "mat"]
 Jobs = list[tuple[str | None, Path]]
@@ -87,7 +86,7 @@ def export(
     notify = report_progress or silent
     trace = Trace(path)
     chosen = _chosen(trace, topics, signals)
-    arrow = pyarrow() if to == "parquet" else None
+    arrow = pyarrow("Parquet needs pyarrow", otherwise="--to csv") if to == "parquet" else None
     jobs = _places(trace, target, to, chosen, wide=wide)
     content_hash = "" if to == "csv" else content_hash_of(trace)
     window = window_ns(start, end)
@@ -285,11 +284,11 @@ def _rows(table: Table, names: list[str] | None, *, nanoseconds: bool) -> Sheet:
         for name, times in (("time_ns", table.log_time_ns), ("sent_ns", table.publish_time_ns)):
             columns.append(Column(name, "ns", None, times, everywhere))
     taken = {column.name for column in columns}
-    for name in table.columns if names is None else names:
-        own = name if name not in taken else f"{name}_2"
-        values, signal = table[name], table.signals[name]
-        columns.append(Column(own, signal.unit, signal.description, values, table.present[name]))
-    return Sheet(table.topic, columns)
+    own = [
+        table.column(name, name if name not in taken else f"{name}_2")
+        for name in (table.columns if names is None else names)
+    ]
+    return Sheet(table.topic, [*columns, *own])
 
 
 def _wide(
@@ -305,24 +304,9 @@ def _wide(
         everywhere = np.ones(base.size, np.bool_)
         columns = [Column("time_s", "s", "time", base / 1e9, everywhere)]
         for topic, names in chosen.items():
-            table = tables[topic]
-            if topic in in_force:
-                table = in_force[topic].followed_by(table)
+            table = tables[topic].after(in_force.get(topic))
             for name in table.columns if names is None else names:
-                there, signal = table.present[name], table.signals[name]
-                rows = rows_in_force(table.log_time_ns[there], base)
-                column = sample_and_hold(table[name][there], rows)
-                own = full.get((topic, name), f"{topic}:{name}")
-                columns.append(Column(own, signal.unit, signal.description, *column))
-            in_force[topic] = table.part(_in_force(table))
+                full_name = full.get((topic, name), f"{topic}:{name}")
+                columns.append(table.column(name, full_name, base))
+            in_force[topic] = table.in_force()
         yield Sheet(None, columns)
-
-
-def _in_force(table: Table) -> NDArray[np.int64]:
-    """Return the numbers of the last rows in which a column has a value, increasing."""
-    last = set()
-    order = np.argsort(table.log_time_ns, kind="stable")
-    for there in table.present.values():
-        found = order[there[order]]
-        last.update(found[-1:].tolist())
-    return np.array(sorted(last), np.int64)

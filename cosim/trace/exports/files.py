@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.core import optional
 from cosim.trace.reader import Trace
-from cosim.trace.tables.frames import Column
+from cosim.trace.tables.arrow import arrow_array, arrow_field
+from cosim.trace.tables.column import Column
 
 _ROWS = 20_000
 
@@ -62,17 +62,6 @@ def _texts(column: Column, begin: int, end: int) -> Iterator[Any]:
     return iter([t if there else "" for t, there in zip(texts, present.tolist(), strict=True)])
 
 
-def pyarrow() -> Any:
-    """Import pyarrow; `InputError` if it is not installed."""
-    return optional(
-        "pyarrow",
-        "pyarrow.parquet",
-        extra="tables",
-        what="Parquet needs pyarrow",
-        otherwise="--to csv",
-    )
-
-
 class ParquetFile:
     """A Parquet file of which rows are written bit by bit.
 
@@ -90,12 +79,8 @@ class ParquetFile:
 
     def append(self, sheet: Sheet) -> None:
         """Write further rows of the same columns."""
-        pa, arrays = self._pa, []
-        for column, field in zip(sheet.columns, self._schema, strict=True):
-            mask = None if column.present.all() else ~column.present
-            text = field.type == pa.string()
-            values = [str(v) for v in column.values] if text else column.values
-            arrays.append(pa.array(values, type=field.type, mask=mask))
+        pa, both = self._pa, zip(sheet.columns, self._schema, strict=True)
+        arrays = [arrow_array(pa, column, field) for column, field in both]
         self._writer.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
 
     def close(self) -> None:
@@ -104,13 +89,6 @@ class ParquetFile:
 
 
 def _schema(pa: Any, sheet: Sheet, trace: Trace, content_hash: str) -> Any:
-    kinds = {"f": pa.float64(), "i": pa.int64(), "u": pa.uint64(), "b": pa.bool_()}
-    fields = []
-    for column in sheet.columns:
-        notes = {"unit": column.unit, "description": column.description}
-        kind = kinds.get(column.values.dtype.kind, pa.string())
-        known = {k: v for k, v in notes.items() if v is not None}
-        fields.append(pa.field(column.name, kind, metadata=known))
     origin = {
         "cosim.trace": trace.path.name,
         "cosim.content_hash": content_hash,
@@ -120,4 +98,4 @@ def _schema(pa: Any, sheet: Sheet, trace: Trace, content_hash: str) -> Any:
     }
     if sheet.topic is not None:
         origin["cosim.topic"] = sheet.topic
-    return pa.schema(fields, metadata=origin)
+    return pa.schema([arrow_field(pa, column) for column in sheet.columns], metadata=origin)

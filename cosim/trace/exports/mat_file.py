@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from cosim.core import InputError
-from cosim.trace.tables.frames import Column
+from cosim.trace.tables.column import Column
 
 LONGEST_NAME = 63
 """Characters of a name, of a variable and of a field: MATLAB's `namelengthmax`."""

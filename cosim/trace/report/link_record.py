@@ -127,7 +127,8 @@ class LoopRecord:
         self, up: Table | None, down: Table | None, points: Integers, segments: int | None
     ) -> None:
         """Take the next messages of both links, and the instants of communication points."""
-        self._up, self._down = _followed(self._up, up), _followed(self._down, down)
+        self._up = self._up if up is None else up.after(self._up)
+        self._down = self._down if down is None else down.after(self._down)
         if self._up is None or self._down is None:
             return
         arrivals = np.zeros(0, np.int64) if down is None else down.log_time_ns
@@ -145,9 +146,3 @@ class LoopRecord:
     def ages(self) -> tuple[Integers, Reals]:
         """Return times [ns] and ages [s]."""
         return self._age.points()
-
-
-def _followed(before: Table | None, table: Table | None) -> Table | None:
-    if table is None or before is None:
-        return before if table is None else table
-    return before.followed_by(table)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cosim.core import InputError, LossError
 from cosim.trace import Table, Trace
 from cosim.trace.report.decimation import Indices, decimated
-from cosim.trace.report.link_record import LinkRecord, LoopRecord
+from cosim.trace.report.link_record import LinkRecord, LoopRecord, Points
 from cosim.trace.rows.layout import (
     FRAME_TOPIC,
     LOG_TOPIC,
@@ -153,7 +153,7 @@ class Recording:
     def _add(self, tables: Mapping[str, Table], segments: int | None) -> None:
         for topic, table in tables.items():
             if topic == LOG_TOPIC:
-                self.log = table if self.log is None else self.log.followed_by(table)
+                self.log = table.after(self.log)
             if topic not in _NOT_DRAWN and not topic.endswith("/dropped"):
                 self._add_signals(table, segments)
         for name, link in self.links.items():
@@ -223,7 +223,7 @@ class _Signal:
     def __init__(self, place: tuple[str, str, str, str, str | None], *, stepwise: bool) -> None:
         self.count = self._gaps = 0
         self._place, self._stepwise = place, stepwise
-        self._parts: list[tuple[NDArray[np.int64], Reals]] = []
+        self._points = Points()
         self._wild = False
 
     def kept(self, t: NDArray[np.int64], values: Reals, segments: int | None) -> Indices:
@@ -240,10 +240,10 @@ class _Signal:
     def add(self, t: NDArray[np.int64], values: Reals, kept: Indices) -> None:
         self.count += t.size
         self._gaps += t.size - int(np.isfinite(values).sum())
-        self._parts.append((t[kept], values[kept]))
+        self._points.add(t[kept], values[kept], None)
 
     def series(self, seconds: Callable[[NDArray[np.int64]], Reals]) -> DrawnSeries:
-        times, values = (np.concatenate(each) for each in zip(*self._parts, strict=True))
+        times, values = self._points.points()
         if (np.diff(times) < 0).any():
             order = np.argsort(times, kind="stable")
             times, values = times[order], values[order]

@@ -4,52 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.core import InputError, optional
-
-Integers = NDArray[np.int64]
-
-Align = str | float | NDArray[np.float64]
-"""A common time base: "union", a topic, a period [s], or instants [s]."""
-
-Between = Literal["hold", "interpolate"]
-"""Values between rows: the last one, or on a line where the signal's own `hold` is continuous."""
-
-Index = Literal["seconds", "timedelta"]
-"""The time of a data frame: seconds as doubles, or exact nanoseconds."""
+from cosim.trace.tables.arrow import arrow_array, arrow_field, pyarrow
+from cosim.trace.tables.column import Align, Between, Column, Index, Integers, Joined
 
 _EXACT = 2**53
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A signal by name: values, and where they are present; elsewhere they mean nothing."""
-
-    name: str
-    unit: str | None
-    description: str | None
-    values: NDArray[Any]
-    present: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True)
-class Joined:
-    """Columns on a common time.
-
-    Attributes
-    ----------
-    where : the trace or topic they are of.
-    time_ns : instants [ns], (m,).
-    """
-
-    where: str
-    time_ns: Integers
-    columns: Sequence[Column]
 
 
 class Framed(ABC):
@@ -125,10 +89,10 @@ class Framed(ABC):
     ) -> Any:
         """Return an Arrow table; arguments as of `Framed`.
 
-        The levels of several traces and the time are its first columns; units are in the metadata
-        of the fields, and what is missing is null.
+        The levels of several traces and the time are its first columns; units and
+        descriptions are in the metadata of the fields, and what is missing is null.
         """
-        pa = optional("pyarrow", extra="tables", what="Arrow tables need pyarrow")
+        pa = pyarrow()
         levels, parts = self._joined(what, align, between, start, end)
         above = {name: _level(pa, values) for name, values in levels.items()}
         tables = []
@@ -139,11 +103,9 @@ class Framed(ABC):
             name, values = _times(part.time_ns, index)
             arrays.append(pa.array(values))
             fields.append(pa.field(name, arrays[-1].type))
-            for column in part.columns:
-                mask = None if column.present.all() else ~column.present
-                known = {} if column.unit is None else {"unit": column.unit}
-                arrays.append(pa.array(column.values, mask=mask))
-                fields.append(pa.field(column.name, arrays[-1].type, metadata=known))
+            own = [arrow_field(pa, column) for column in part.columns]
+            arrays += [arrow_array(pa, *each) for each in zip(part.columns, own, strict=True)]
+            fields += own
             tables.append(pa.Table.from_arrays(arrays, schema=pa.schema(fields)))
         return pa.concat_tables(tables, promote_options="permissive")
 

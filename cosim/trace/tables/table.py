@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, is_inside
+from cosim.trace.rows.hold import interpolated, rows_in_force, sample_and_hold
 from cosim.trace.rows.layout import Signal
-from cosim.trace.tables.frames import Align, Between, Framed, Joined
-from cosim.trace.tables.join import joined_table
+from cosim.trace.tables.column import Align, Between, Column, Joined
+from cosim.trace.tables.frames import Framed
+from cosim.trace.tables.time_base import time_base, window_ns
 
 Integers = NDArray[np.int64]
 _NAMED = 6
@@ -87,7 +89,64 @@ class Table(Framed):
         end: float | None,
     ) -> tuple[Mapping[str, Sequence[Any]], Sequence[Joined]]:
         """See `Framed`."""
-        return {}, [joined_table(self, what, align, between, start, end)]
+        rows, names = self.within(start, end), self._members(what)
+        _check(between)
+        if not (isinstance(align, str) and align == "union"):
+            base = time_base(align, {rows.topic: rows.log_time_ns}, [rows.log_time_ns])
+            columns = [rows.column(name, name, base, between) for name in names]
+            return {}, [Joined(f"topic {rows.topic}", base, columns)]
+        columns = [rows.column(name, name) for name in names]
+        if what is None and (rows.log_time_ns != rows.publish_time_ns).any():
+            everywhere = np.ones(len(rows), np.bool_)
+            columns.insert(0, Column("sent_s", "s", "time of sending", rows.sent, everywhere))
+        return {}, [Joined(f"topic {rows.topic}", rows.log_time_ns, columns)]
+
+    def _members(self, what: str | Sequence[str] | None) -> list[str]:
+        """Return the columns wanted: by name, or all of a group."""
+        if what is None:
+            return list(self.columns)
+        found: dict[str, None] = {}
+        for name in [what] if isinstance(what, str) else what:
+            inside = [c for c in self.columns if c == name or is_inside(c, name)]
+            if not inside:
+                raise InputError.unknown("signal", name, self.columns, where=f"topic {self.topic}")
+            found |= dict.fromkeys(inside)
+        return list(found)
+
+    def column(
+        self, name: str, full_name: str, base: Integers | None = None, between: Between = "hold"
+    ) -> Column:
+        """Return a column under another name: its rows, or its values at instants [ns].
+
+        Raises
+        ------
+        InputError : no such column, or no such way between rows.
+        """
+        _check(between)
+        values, there, signal = self[name], self.present[name], self.signals[name]
+        if base is not None:
+            values, times = values[there], self.log_time_ns[there]
+            continuous = signal.hold == "continuous" and values.dtype.kind == "f"
+            if between == "interpolate" and continuous:
+                values, there = interpolated(values, times, base)
+            else:
+                values, there = sample_and_hold(values, rows_in_force(times, base))
+        return Column(full_name, signal.unit, signal.description, values, there)
+
+    def within(self, start: float | None, end: float | None) -> Table:
+        """Return the rows delivered in a window [s], both ends included; None is no bound."""
+        low, high = window_ns(start, end)
+        if start is None and end is None:
+            return self
+        return self.part((self.log_time_ns >= low) & (self.log_time_ns <= high))
+
+    def in_force(self) -> Table:
+        """Return the last row, and those before it in which a column has its last value."""
+        order = np.argsort(self.log_time_ns, kind="stable")
+        last = {*order[-1:].tolist()}
+        for there in self.present.values():
+            last.update(order[there[order]][-1:].tolist())
+        return self.part(np.array(sorted(last), np.int64))
 
     def part(self, which: NDArray[Any]) -> Table:
         """Return the rows that a mask or indices select."""
@@ -101,19 +160,21 @@ class Table(Framed):
             self.signals,
         )
 
-    def followed_by(self, other: Table) -> Table:
-        """Return these rows and then those of another table with the same columns."""
+    def after(self, before: Table | None) -> Table:
+        """Return these rows behind those of another table of the same columns, if there is one."""
+        if before is None:
+            return self
 
-        def joined(mine: NDArray[Any], theirs: NDArray[Any]) -> NDArray[Any]:
-            return np.concatenate([mine, theirs])
+        def joined(first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
+            return np.concatenate([first, second])
 
         return Table(
             self.topic,
-            joined(self.log_time_ns, other.log_time_ns),
-            joined(self.publish_time_ns, other.publish_time_ns),
-            joined(self.sequence, other.sequence),
-            {name: joined(column, other.columns[name]) for name, column in self.columns.items()},
-            {name: joined(there, other.present[name]) for name, there in self.present.items()},
+            joined(before.log_time_ns, self.log_time_ns),
+            joined(before.publish_time_ns, self.publish_time_ns),
+            joined(before.sequence, self.sequence),
+            {name: joined(before.columns[name], column) for name, column in self.columns.items()},
+            {name: joined(before.present[name], there) for name, there in self.present.items()},
             self.signals,
         )
 
@@ -209,3 +270,8 @@ def group_of(table: Table, group: str, names: Sequence[str]) -> Series:
         table.log_time_ns,
         table.publish_time_ns,
     )
+
+
+def _check(between: Between) -> None:
+    if between not in ("hold", "interpolate"):
+        raise InputError.unknown("way", str(between), ["hold", "interpolate"], where="between")

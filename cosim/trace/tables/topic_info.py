@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import Protocol, Self
+from typing import Self
 
 from cosim.trace.file.declared import Channel
 from cosim.trace.rows.layout import COMPUTED, Signal
 from cosim.trace.tables.gather import decoder_of
-from cosim.trace.tables.table import Table
 
 Spans = Mapping[str, tuple[int, int]]
 """Least and greatest log time [ns] by topic."""
@@ -75,35 +74,3 @@ class TopicInfo:
     def end_ns(self) -> int | None:
         """Greatest log time [ns]; None without messages."""
         return self._spans().get(self.topic, (None, None))[1]
-
-
-class Readable(Protocol):
-    """The part of `Trace` that data frames and links need: its topics, read one by one."""
-
-    topics: dict[str, TopicInfo]
-
-    @property
-    def where(self) -> str:
-        """What it is read from, for messages."""
-
-    @property
-    def signals(self) -> dict[str, tuple[str, Signal]]:
-        """See `Trace`."""
-
-    def place(self, name: str) -> tuple[str, str]:
-        """See `Trace`."""
-
-    def members(self, name: str) -> list[str]:
-        """See `Trace`."""
-
-    def read(self, topic: str, *, start: float | None = None, end: float | None = None) -> Table:
-        """See `Trace`."""
-
-    def read_all(
-        self,
-        topics: Sequence[str] | None = None,
-        *,
-        start: float | None = None,
-        end: float | None = None,
-    ) -> dict[str, Table]:
-        """See `Trace`."""

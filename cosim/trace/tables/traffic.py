@@ -1,46 +1,22 @@
-"""Read the messages of a link: delivered, dropped, and the age of the one in use."""
+"""The age of the message of a link that is in use, and of the measurement behind a command."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
 from cosim.trace.rows.hold import rows_in_force
-from cosim.trace.rows.layout import GREATEST_AGE, NOTICED_REASONS, dropped_topic, link_topic
+from cosim.trace.rows.layout import GREATEST_AGE, NOTICED_REASONS
 from cosim.trace.tables.table import Table
-from cosim.trace.tables.topic_info import Readable
 
 
-def link_names(trace: Readable) -> list[str]:
-    """Return the names of the links of a trace, in order of appearance."""
-    prefix = link_topic("")
-    names = [topic.removeprefix(prefix) for topic in trace.topics if topic.startswith(prefix)]
-    return [name for name in names if "/" not in name]
-
-
-def deliveries(trace: Readable, link: str) -> Table:
-    """Read the messages that a link delivered, at `log_time_ns`; sent at `publish_time_ns`.
-
-    Raises
-    ------
-    InputError : no such link.
-    """
-    return trace.read(_known(trace, link, link_topic(link)))
-
-
-def dropped(trace: Readable, link: str) -> Table:
-    """Read the messages that a link dropped, with the `reason`; they were due at `log_time_ns`.
-
-    Raises
-    ------
-    InputError : no such link.
-    """
-    return trace.read(_known(trace, link, dropped_topic(link)))
-
-
-def age(
-    trace: Readable, link: str, at: NDArray[np.float64] | None = None
+def age_in_use(
+    delivered: Table,
+    dropped: Table | None,
+    metadata: Mapping[str, str],
+    at: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return instants [s] and the age [s] of the message in use there: the time since it was sent.
 
@@ -49,15 +25,12 @@ def age(
 
     Parameters
     ----------
+    delivered, dropped : the messages of a link; those dropped with the `reason`.
+    metadata : of the topic of those delivered.
     at : instants [s]; by default just before and at each delivery, the corners of the sawtooth,
         from the first delivery on.
-
-    Raises
-    ------
-    InputError : no such link.
     """
-    table = deliveries(trace, link)
-    arrived, sent = table.log_time_ns, table.publish_time_ns
+    arrived, sent = delivered.log_time_ns, delivered.publish_time_ns
     if at is None:
         corners = np.concatenate([arrived, arrived])
         before = np.arange(corners.size) < arrived.size
@@ -71,7 +44,7 @@ def age(
     ages = np.full(instants.size, np.nan)
     known = rows >= 0
     ages[known] = (instants[known] - sent[rows[known]]) / 1e9
-    ages[_substituted(trace, link, table, rows, instants)] = np.nan
+    ages[_substituted(delivered, dropped, metadata, rows, instants)] = np.nan
     first = 0 if at is not None else int(known.argmax())
     return instants[first:] / 1e9, ages[first:]
 
@@ -100,32 +73,27 @@ def loop_age(
 
 
 def _substituted(
-    trace: Readable, link: str, table: Table, rows: NDArray[np.int64], at_ns: NDArray[np.int64]
+    delivered: Table,
+    dropped: Table | None,
+    metadata: Mapping[str, str],
+    rows: NDArray[np.int64],
+    at_ns: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
     """Return where the substitute was in use.
 
     A newer message was lost since the last delivery, or the last one is too old.
     """
-    topic = dropped_topic(link)
     substituted = np.zeros(at_ns.size, np.bool_)
-    metadata = trace.topics[link_topic(link)].metadata
     if oldest := int(metadata.get(GREATEST_AGE, "0")):
         there = rows >= 0
-        substituted[there] = at_ns[there] - table.publish_time_ns[rows[there]] >= oldest
+        substituted[there] = at_ns[there] - delivered.publish_time_ns[rows[there]] >= oldest
     holds = metadata.get("on_loss", "hold") == "hold"
-    if holds or topic not in trace.topics or not len(table):
+    if holds or dropped is None or not len(delivered):
         return substituted
-    lost = trace.read(topic)
-    lost = lost.part(np.isin(lost["reason"], NOTICED_REASONS))
+    lost = dropped.part(np.isin(dropped["reason"], NOTICED_REASONS))
     last = rows_in_force(lost.log_time_ns, at_ns)
     known = (last >= 0) & (rows >= 0)
     due, number = lost.log_time_ns[last[known]], lost.sequence[last[known]]
-    in_use = rows[known]
-    substituted[known] |= (due >= table.log_time_ns[in_use]) & (number > table.sequence[in_use])
+    arrived, sent = delivered.log_time_ns[rows[known]], delivered.sequence[rows[known]]
+    substituted[known] |= (due >= arrived) & (number > sent)
     return substituted
-
-
-def _known(trace: Readable, link: str, topic: str) -> str:
-    if topic not in trace.topics:
-        raise InputError.unknown("link", link, link_names(trace), where=trace.where)
-    return topic
