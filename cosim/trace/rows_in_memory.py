@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.core import InputError
 from cosim.trace.recorded_rows import Recorded
@@ -21,51 +22,53 @@ Parts = Sequence[Rows | Poses | Lines]
 
 
 class _Topic:
-    """The rows of one topic so far."""
+    """The rows of one topic so far: those joined in a table, and parts that came since."""
 
     def __init__(
         self, name: str, signals: Sequence[Signal], metadata: Mapping[str, str] | None
     ) -> None:
         self.name, self.signals, self.metadata = name, tuple(signals), metadata or {}
-        self._heads = [GrowingColumn(np.int64, 0) for _ in range(3)]
-        self._columns = [GrowingColumn(DTYPES[signal.kind], 0) for signal in signals]
+        self._parts: list[Rows] = []
+        self._before: Table | None = None
 
     def __len__(self) -> int:
-        return self._heads[0].values.size
+        before = 0 if self._before is None else len(self._before)
+        return before + sum(part.log_ns.size for part in self._parts)
 
     def add(self, rows: Rows) -> None:
         """Take rows, as copies."""
-        for head, part in zip(
-            self._heads, (rows.log_ns, rows.publish_ns, rows.sequence), strict=True
-        ):
-            head.extend(part, None)
-        if isinstance(rows.values, np.ndarray):
-            for place, column in enumerate(self._columns):
-                column.extend(rows.values[:, place], None)
-            return
-        for column, values in zip(self._columns, zip(*rows.values, strict=True), strict=True):
-            there = np.array([value is not None for value in values], np.bool_)
-            blank = blanks(column.values.dtype, 1)[0]
-            filled = [blank if value is None else value for value in values]
-            column.extend(filled, None if there.all() else there)
+        values = rows.values.copy() if isinstance(rows.values, np.ndarray) else [*rows.values]
+        heads = rows.publish_ns.copy(), rows.sequence.copy()
+        self._parts.append(Rows(rows.topic_id, rows.log_ns.copy(), values, *heads))
 
     def table(self) -> Table:
         """Return the rows so far."""
-        names = [signal.name for signal in self.signals]
-        everywhere = np.ones(len(self), np.bool_)
-        log, publish, sequence = (head.values for head in self._heads)
-        present = [column.present for column in self._columns]
+        if self._parts or self._before is None:
+            self._before, self._parts = self._joined().after(self._before), []
+        return self._before
+
+    def _joined(self) -> Table:
+        """Join the parts."""
+        count = sum(part.log_ns.size for part in self._parts)
+        heads = [GrowingColumn(np.int64, count) for _ in range(3)]
+        columns = [GrowingColumn(DTYPES[signal.kind], count) for signal in self.signals]
+        for part in self._parts:
+            for head, own in zip(heads, (part.log_ns, part.publish_ns, part.sequence), strict=True):
+                head.extend(own, None)
+            for place, column in enumerate(columns):
+                column.extend(*_values(part, place, column.values.dtype))
+        log, publish, sequence = (head.values for head in heads)
+        everywhere = np.ones(count, np.bool_)
+        named = {s.name: column for s, column in zip(self.signals, columns, strict=True)}
+        there = {name: column.present for name, column in named.items()}
         return Table(
             self.name,
             log,
             publish,
             sequence,
-            {name: column.values for name, column in zip(names, self._columns, strict=True)},
-            {
-                name: everywhere if there is None else there
-                for name, there in zip(names, present, strict=True)
-            },
-            dict(zip(names, self.signals, strict=True)),
+            {name: column.values for name, column in named.items()},
+            {name: everywhere if mask is None else mask for name, mask in there.items()},
+            {signal.name: signal for signal in self.signals},
         )
 
 
@@ -186,3 +189,15 @@ class RowsInMemory(Recorded):
             for name, table in tables.items()
             if len(table)
         }
+
+
+def _values(rows: Rows, place: int, dtype: np.dtype[Any]) -> tuple[Any, NDArray[np.bool_] | None]:
+    """Return one column, and where it has a value; None for everywhere."""
+    if isinstance(rows.values, np.ndarray):
+        return rows.values[:, place], None
+    listed = [row[place] for row in rows.values]
+    there = np.array([value is not None for value in listed], np.bool_)
+    if there.all():
+        return listed, None
+    blank = blanks(dtype, 1)[0]
+    return [blank if value is None else value for value in listed], there
