@@ -36,6 +36,7 @@ from .returned import (
 )
 from .state import FmuState as FmuState
 from .terminal import Terminal as Terminal
+from .unit_base import UnitBase as UnitBase
 from .unpacking import (
     adopt_folder as adopt_folder,
     own_folder as own_folder,

@@ -23,6 +23,7 @@ from cosim.fmu.inspect.terminals import TERMINALS
 from cosim.fmu.port import FmiVersion, Port
 from cosim.fmu.port_declarations import declared_ports
 from cosim.fmu.terminal import Terminal, declared_terminals
+from cosim.fmu.unit_base import UnitBase
 
 _READ_BY_A_RUN = "VC"
 """Groups of rules about variables and Clocks; a run names in its log which of them are broken."""
@@ -45,6 +46,7 @@ class FmuDescription:
         running, a sentence each.
     terminals : by name.
     lengths : the names of the structural parameters that give lengths of arrays.
+    units : those that it defines in base units, by name.
     """
 
     path: Path
@@ -56,11 +58,15 @@ class FmuDescription:
     departures: tuple[str, ...] = ()
     terminals: Mapping[str, Terminal] = field(default_factory=lambda: MappingProxyType({}))
     lengths: frozenset[str] = field(init=False, repr=False, compare=False)
+    units: Mapping[str, UnitBase] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         sizes = (size for port in self.ports.values() for size in port.dimensions)
         lengths = frozenset(size for size in sizes if isinstance(size, str))
         object.__setattr__(self, "lengths", lengths)
+        defined = ((unit.name, unit.base) for unit in self.model.units)
+        units = {name: UnitBase.of(base) for name, base in defined if base is not None}
+        object.__setattr__(self, "units", MappingProxyType(units))
 
     @property
     def interface(self) -> Interface:

@@ -18,8 +18,6 @@ from cosim.scenario.quantity import (
 )
 from cosim.scenario.values import parse_value
 
-_BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-
 
 @dataclass(frozen=True)
 class DeclaredUnit:
@@ -50,13 +48,10 @@ def unit_of(fmu: FmuDescription, port: Port) -> DeclaredUnit | None:
     """Return the unit of a variable as the FMU defines it, else by its name; None without one."""
     if not port.unit:
         return None
-    for unit in fmu.model.units:
-        if unit.name == port.unit and unit.base is not None:
-            base = unit.base
-            exponents = tuple(Fraction(int(base.get(b, "0"))) for b in _BASES)
-            measured = Dimension((*exponents, Fraction(0)))
-            factor, offset = float(base.get("factor", "1")), float(base.get("offset", "0"))
-            return DeclaredUnit(port.unit, measured, factor, offset)
+    base = fmu.units.get(port.unit)
+    if base is not None:
+        measured = Dimension((*map(Fraction, base.exponents), Fraction(0)))
+        return DeclaredUnit(port.unit, measured, base.factor, base.offset)
     try:
         named = parse_quantity(f"1 {port.unit}")
         origin = parse_quantity(f"0 {port.unit}")

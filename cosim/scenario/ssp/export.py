@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -236,7 +236,7 @@ def _renamed(wire: Wire, names: Mapping[str, str]) -> Wire:
     return replace(wire, source=(names[source], output), target=(names[target], into))
 
 
-def _with_known_units(element: Element, units: Mapping[str, Mapping[str, str]]) -> Element:
+def _with_known_units(element: Element, units: Collection[str]) -> Element:
     return replace(
         element,
         connectors=[c if c.unit in units else replace(c, unit=None) for c in element.connectors],

@@ -10,7 +10,6 @@ from cosim.fmu import FmuDescription
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.flatten import End, FlatSystem, FlatWire, Path as Place, end_text, followed
 from cosim.scenario.ssp.names import SSD
-from cosim.scenario.ssp.ssp_units import units_of_fmu
 from cosim.scenario.ssp.tree import Description
 
 _STATES = ("age", "sequence", "dropped")
@@ -100,7 +99,7 @@ def _check(
             )
         ports.append(port)
     one, other = (
-        None if port.unit is None else units_of_fmu(fmus[place]).get(port.unit)
+        None if port.unit is None else fmus[place].units.get(port.unit)
         for port, (place, _) in zip(ports, (source, wire.target), strict=True)
     )
     text = f"{end_text(source)} [{ports[0].unit}] -> {end_text(wire.target)} [{ports[1].unit}]"

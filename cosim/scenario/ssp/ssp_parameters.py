@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from cosim.fmu import FmuDescription, Port
+from cosim.fmu import FmuDescription, Port, UnitBase
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.names import LINEAR, NAMESPACES, tag
-from cosim.scenario.ssp.ssp_units import UnitBase, converted, units_of_fmu
 from cosim.scenario.ssp.structure import FLOATS, INTEGERS
 
 _SET = "application/x-ssp-parameter-set"
@@ -262,12 +261,12 @@ def _conversion(
     """Return what converts a value to the unit of the variable."""
     if bound.unit is None or port.unit is None or bound.unit == port.unit:
         return lambda value: value
-    own = units_of_fmu(fmu)
+    own = fmu.units
     of, to = units.get(bound.unit) or own.get(bound.unit), own.get(port.unit)
     reason = "one of the units is not defined"
     if of is not None and to is not None:
         if of.exponents == to.exponents:
-            return lambda value: converted(value, of, to)
+            return lambda value: of.convert(value, to)
         reason = "the units measure different things"
     raise archive.wrong(
         f"{bound.name} has a unit that cannot be converted",

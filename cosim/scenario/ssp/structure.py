@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from cosim.fmu import Port
+from cosim.fmu import Port, UnitBase
 from cosim.scenario.ssp.names import SspVersion
 
 TYPES: Mapping[str | None, str] = {
@@ -105,7 +105,7 @@ class Structure:
     ----------
     version : of SSP.
     labels : element -> name in the scenario, where they differ.
-    units : name -> exponents of base units, factor and offset.
+    units : those of the variables, by name.
     links : TOML of each annotated link by its name.
     run : TOML of [run].
     signals : TOML of the paths and time series of the scenario, and the element that plays those
@@ -120,7 +120,7 @@ class Structure:
     elements: Sequence[Element]
     labels: Mapping[str, str]
     wires: Sequence[Wire]
-    units: Mapping[str, Mapping[str, str]]
+    units: Mapping[str, UnitBase]
     links: Mapping[str, str]
     run: str
     signals: tuple[str, str | None]

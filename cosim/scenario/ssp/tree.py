@@ -8,6 +8,7 @@ from typing import Any
 
 from lxml import etree
 
+from cosim.fmu import UnitBase
 from cosim.scenario.ssp.archive import Archive
 from cosim.scenario.ssp.names import (
     FMU_TYPE,
@@ -25,7 +26,7 @@ from cosim.scenario.ssp.names import (
     tag,
 )
 from cosim.scenario.ssp.ssp_parameters import BoundValue, bound_values, transformations
-from cosim.scenario.ssp.ssp_units import UnitBase, units_in
+from cosim.scenario.ssp.ssp_units import units_in
 
 MAX_DEPTH = 50
 

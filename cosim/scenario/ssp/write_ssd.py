@@ -59,9 +59,9 @@ def ssd_bytes(structure: Structure) -> bytes:
     _annotations(_sub(system, "ssd", "Annotations"), structure)
     if structure.units:
         units = _sub(root, "ssd", "Units")
-        for name, exponents in structure.units.items():
+        for name, base in structure.units.items():
             unit = _sub(units, "ssc", "Unit", name=name)
-            _sub(unit, "ssc", "BaseUnit", **exponents)
+            _sub(unit, "ssc", "BaseUnit", **base.attributes())
     _experiment(root, structure)
     etree.indent(root)
     text: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
