@@ -40,10 +40,10 @@ def test_models_of_other_libraries_come_in_and_take_part(model: Any) -> None:
     expected = rational(POINTS) * np.exp(-0.7 * POINTS)
     for found in (model * dead_time(0.7), dead_time(0.7) * model, lti(model, input_delay=0.7)):
         assert isinstance(found, DelayLTI)
-        np.testing.assert_allclose(found(POINTS), expected, rtol=1e-13)
-    np.testing.assert_allclose((1 + model * dead_time(0.7))(POINTS), 1 + expected, rtol=1e-13)
+        np.testing.assert_allclose(found.value(POINTS), expected, rtol=1e-13)
+    np.testing.assert_allclose((1 + model * dead_time(0.7)).value(POINTS), 1 + expected, rtol=1e-13)
     np.testing.assert_allclose(
-        (model - dead_time(0.7))(POINTS), rational(POINTS) - np.exp(-0.7 * POINTS), rtol=1e-12
+        (model - dead_time(0.7)).value(POINTS), rational(POINTS) - np.exp(-0.7 * POINTS), rtol=1e-12
     )
 
 
@@ -64,10 +64,12 @@ def test_mimo_with_a_delay_of_its_own_in_every_entry() -> None:
     T = feedback(G * K, np.eye(2))
     assert (G.order, G.inputs, G.outputs) == (4, 2, 2)
     for s in POINTS:
-        np.testing.assert_allclose(G(s), by_hand(s), rtol=1e-12)
+        np.testing.assert_allclose(G.value(s), by_hand(s), rtol=1e-12)
         L = by_hand(s) @ K
-        np.testing.assert_allclose(T(s), np.linalg.solve(np.eye(2) + L, L), rtol=1e-11, atol=1e-14)
-    np.testing.assert_allclose(G[1, 0](1j), by_hand(1j)[1, 0], rtol=1e-12)
+        np.testing.assert_allclose(
+            T.value(s), np.linalg.solve(np.eye(2) + L, L), rtol=1e-11, atol=1e-14
+        )
+    np.testing.assert_allclose(G[1, 0].value(1j), by_hand(1j)[1, 0], rtol=1e-12)
 
 
 def test_connections_are_those_of_the_transfer_functions() -> None:
@@ -75,15 +77,15 @@ def test_connections_are_those_of_the_transfer_functions() -> None:
     G = lti(control.tf([1], [1, 1])) * dead_time(0.3)
     H = lti(control.tf([2], [0.1, 1]), output_delay=0.2)
     for s in POINTS:
-        g, h = G(s), H(s)
-        assert series(G, H)(s) == pytest.approx(g * h, rel=1e-13)
-        assert parallel(G, H, 1)(s) == pytest.approx(g + h + 1, rel=1e-13)
-        assert G.feedback(H)(s) == pytest.approx(g / (1 + g * h), rel=1e-12)
-        assert feedback(G, H, 1)(s) == pytest.approx(g / (1 - g * h), rel=1e-12)
-        np.testing.assert_allclose(append(G, H)(s), np.diag([g, h]), rtol=1e-13)
-        assert (-G / 4)(s) == pytest.approx(-g / 4, rel=1e-14)
+        g, h = G.value(s), H.value(s)
+        assert series(G, H).value(s) == pytest.approx(g * h, rel=1e-13)
+        assert parallel(G, H, 1).value(s) == pytest.approx(g + h + 1, rel=1e-13)
+        assert G.feedback(H).value(s) == pytest.approx(g / (1 + g * h), rel=1e-12)
+        assert feedback(G, H, 1).value(s) == pytest.approx(g / (1 - g * h), rel=1e-12)
+        np.testing.assert_allclose(append(G, H).value(s), np.diag([g, h]), rtol=1e-13)
+        assert (-G / 4).value(s) == pytest.approx(-g / 4, rel=1e-14)
     two = lti(np.eye(2)) * G  # one system for every signal
-    np.testing.assert_allclose(two(1j), G(1j) * np.eye(2), rtol=1e-14)
+    np.testing.assert_allclose(two.value(1j), G.value(1j) * np.eye(2), rtol=1e-14)
 
 
 def test_delays_in_series_are_one_and_no_delay_is_none() -> None:
@@ -95,7 +97,7 @@ def test_delays_in_series_are_one_and_no_delay_is_none() -> None:
     assert (G + G).delays.size == 1  # both wait for the same input
     assert exp(-0.5 * control.tf("s")).delays.tolist() == [0.5]
     # a loop through a delay of zero is an algebraic one, and is solved
-    assert (0.5 * dead_time(0.0)).feedback()(1j) == pytest.approx(1 / 3)
+    assert (0.5 * dead_time(0.0)).feedback().value(1j) == pytest.approx(1 / 3)
 
 
 def test_systems_of_this_package_come_in_and_go_back() -> None:
@@ -104,10 +106,12 @@ def test_systems_of_this_package_come_in_and_go_back() -> None:
     K = np.array([paper_example.PRINTED_K])
     loop = close(system, K)
     for found in (lti(system, gain=K), lti(loop)):
-        np.testing.assert_allclose(found(2j), loop.transfer(2.0), rtol=1e-13)
+        np.testing.assert_allclose(found.value(2j), loop.transfer(2.0), rtol=1e-13)
     opened = lti(system)
     assert opened.inputs == system.C.shape[1] + system.B.shape[1]
-    np.testing.assert_allclose(opened(2j)[:, :1], close(system, 0 * K).transfer(2.0), rtol=1e-13)
+    np.testing.assert_allclose(
+        opened.value(2j)[:, :1], close(system, 0 * K).transfer(2.0), rtol=1e-13
+    )
     late = DelaySystem([[-1.0]], C=[[1.0]], D=[[2.0]], delays=[Delay(0.4, [[-0.5]])])
     again = lti(late).system()
     assert (again.delays[0].d, again.delays[0].A.tolist()) == (0.4, [[-0.5]])
@@ -120,14 +124,34 @@ def test_models_go_out_to_python_control_and_scipy() -> None:
     """An FRD is exact; Pade of order n is control's own; without delays nothing is lost."""
     T = (2 * control.tf([1], [1, 1]) * dead_time(0.5)).feedback()
     omega = np.array([0.5, 3.0])
-    np.testing.assert_allclose(np.ravel(T.to_control(omega=omega)(1j * omega)), T(1j * omega))
+    np.testing.assert_allclose(np.ravel(T.to_control(omega=omega)(1j * omega)), T.value(1j * omega))
     theirs = control.feedback(control.tf([2], [1, 1]) * control.tf(*control.pade(0.5, 4)))
-    for found in (T.to_control(pade=4)(2j), T.pade(4)(2j)):
+    for found in (T.to_control(pade=4)(2j), T.pade(4).value(2j)):
         assert found == pytest.approx(theirs(2j), rel=1e-10)
     scipy_model = T.to_scipy(pade=4)
     assert isinstance(scipy_model, scipy.signal.StateSpace)
     plain = lti(control.tf(NUM, DEN))
     assert plain.to_control()(2j) == pytest.approx(rational(2j), rel=1e-13)
+
+
+def test_functions_of_python_control_answer_or_refuse() -> None:
+    """None takes the system for an empty one; what they compute is that of the delays."""
+    G = 2 * control.tf([1], [1, 1]) * dead_time(0.5)
+    omega = np.array([0.5, 3.0])
+    exact = 2 * np.exp(-0.5j * omega) / (1 + 1j * omega)
+    size, phase, _ = control.frequency_response(G, omega)
+    np.testing.assert_allclose(size * np.exp(1j * phase), exact, rtol=1e-12)
+    assert control.dcgain(G) == pytest.approx(2.0)
+    assert (control.feedback(G, 1) * 1).delays.tolist() == [0.5]
+    for name in (
+        *("ss", "tf", "poles", "zeros", "bode_plot", "nyquist_plot", "step_response", "margin"),
+        *("stability_margins", "forced_response", "norm", "ss2tf", "damp", "gram", "root_locus"),
+    ):
+        with pytest.raises((AttributeError, TypeError, ValueError, NotImplementedError)):
+            getattr(control, name)(G)
+    with pytest.raises(InputError, match="infinitely many poles"):
+        control.poles(G)
+    assert control.poles(lti(control.tf([1], [1, 1]))).tolist() == [-1.0]
 
 
 @pytest.mark.parametrize(
@@ -149,7 +173,7 @@ def test_models_go_out_to_python_control_and_scipy() -> None:
         (lambda: dead_time(1.0).to_control(), "order of a Pade"),
         (lambda: (0.5 * dead_time(1.0)).feedback().system(), "neutral"),
         (lambda: dead_time(1.0).system(), "no DelaySystem"),
-        (lambda: lti(control.tf([1], [1, 0]))(0.0), "pole"),
+        (lambda: lti(control.tf([1], [1, 0])).value(0.0), "pole"),
     ],
 )
 def test_what_cannot_be_is_refused_in_words(ask: Any, words: str) -> None:

@@ -50,7 +50,7 @@ def test_of_many_crossings_the_nearest_counts() -> None:
     L = dead_time(0.05) * parallel(control.tf([0.3], [1, 0]), 0.05 * lti(mode))
     found = L.margins()
     omega = np.linspace(0.05, 30, 600_001)
-    values = L(1j * omega)
+    values = L.value(1j * omega)
     crossed = np.flatnonzero(np.diff(np.sign(np.abs(values) - 1)))
     assert crossed.size == 3
     lags = (np.angle(values[crossed]) + np.pi) % (2 * np.pi)
@@ -127,7 +127,7 @@ def test_norms_that_only_the_general_bounds_cover() -> None:
         (lti(control.tf([0.3, 1], [1, 1])) * dead_time(0.5)).feedback(),
     ):
         omega = np.linspace(0.0, 60.0, 60_001)
-        highest = np.abs(G(1j * omega)).max()
+        highest = np.abs(G.value(1j * omega)).max()
         found = G.norm()
         assert highest * (1 - 1e-12) <= found.value <= highest * (1 + 1e-5)
         assert found.value <= found.bound <= found.value * (1 + 1e-5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import control
 import numpy as np
 import pytest
 from shared import fmu_store
@@ -12,6 +13,7 @@ from shared import fmu_store
 from cosim import Result, Scenario, analyse, run
 from cosim.core import InputError
 from cosim.hinf import system_by_name
+from cosim.hinf.delay_lti import dead_time, feedback, lti
 
 SYSTEM = system_by_name("paper").system
 
@@ -123,3 +125,18 @@ def test_what_is_none_is_refused_at_once(make: Any, message: str) -> None:
 
 def test_it_shows_its_parts(loop: Scenario) -> None:
     assert repr(loop) == "<Scenario scenario: plant, controller; up>"
+
+
+def test_a_loop_with_delays_flies_as_its_response_says() -> None:
+    """A `DelayLTI` whose delays are between states is a plant; a dead time at its input a link."""
+    late = feedback(lti(control.tf([1], [1, 0.3, 1])), 0.4 * dead_time(0.7))
+    flight = run(
+        Scenario(step=0.05, until=20).add("plant", late).at(0, set={"plant.u[1]": 1.0}),
+        supervise=False,
+    )
+    exact = np.ravel(late.step_response(flight["plant.z[1]"].delivered).outputs)
+    np.testing.assert_allclose(flight["plant.z[1]"].values, exact, atol=2e-6)
+    with pytest.raises(InputError, match=r"kind='transport', delay=0\.5"):
+        Scenario(step=0.1, until=1).add("plant", late * dead_time(0.5))
+    with pytest.raises(InputError, match="without states"):
+        Scenario(step=0.1, until=1).add("plant", lti(2.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -14,7 +15,7 @@ from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write
 from cosim.fmu.export.plant import plant_spec
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.fmu.python_code import Component
-from cosim.hinf import Result
+from cosim.hinf import DelayLTI, Result
 from cosim.models import DelaySystem
 
 
@@ -31,8 +32,9 @@ def spec_of(what: Any, name: str, **settings: Any) -> ComponentSpec:
 
     Parameters
     ----------
-    what : a `DelaySystem` (its plant, Eq. (7)), a design (its controller), a built-in component by
-        name, a system by name or file, a specification, or what has `fmu_spec`.
+    what : a `DelaySystem` (its plant, Eq. (7)), a `DelayLTI` (from u to z), a design (its
+        controller), a built-in component by name, a system by name or file, a specification, or
+        what has `fmu_spec`.
     name : of the model; those of built-in components and specifications have their own.
     settings : `initial` of a system; `sample_time`, `limits`, `observer`, `watch`, `envelope` of a
         design.
@@ -49,30 +51,45 @@ def spec_of(what: Any, name: str, **settings: Any) -> ComponentSpec:
             expected="a system, a design, a vehicle or a component in C",
             hint="Scenario(...).add(name, component), or pythonfmu for other tools",
         )
-    known: tuple[str, ...] = ()
-    if isinstance(what, DelaySystem) or (isinstance(what, str) and what not in CATALOGUE):
-        known = ("initial",)
-    elif isinstance(what, Result):
-        known = ("sample_time", "limits", "observer", "watch", "envelope")
-    other = [key for key in settings if key not in known]
-    if other:
-        raise InputError.unknown("setting", other[0], known, where=f"the FMU of {what!r:.80}")
-    if isinstance(what, ComponentSpec):
-        return what
-    if isinstance(what, Result):
-        return controller_spec(what, name, **settings)[0]
-    if isinstance(what, str) and what in CATALOGUE:
-        return CATALOGUE[what]
-    if isinstance(what, DelaySystem | str):
-        return plant_spec(what, name, **settings)[0]
-    if isinstance(what, Packable):
-        return what.fmu_spec(name)
+    if isinstance(what, str):
+        what = CATALOGUE.get(what, what)
+    for kinds, known, specify in _PACKED:
+        if isinstance(what, kinds):
+            other = [key for key in settings if key not in known]
+            if other:
+                raise InputError.unknown(
+                    "setting", other[0], known, where=f"the FMU of {what!r:.80}"
+                )
+            found: ComponentSpec = specify(what, name, **settings)
+            return found
     raise InputError(
         "this cannot be packed as an FMU",
         where="what",
-        expected="a DelaySystem, a design, a vehicle, a component by name, or its specification",
+        expected="a system, a design, a vehicle, a component by name, or its specification",
         got=f"{type(what).__name__}",
     )
+
+
+_PACKED: tuple[tuple[Any, Sequence[str], Callable[..., ComponentSpec]], ...] = (
+    (ComponentSpec, (), lambda spec, _: spec),
+    (
+        Result,
+        ("sample_time", "limits", "observer", "watch", "envelope"),
+        lambda design, name, **settings: controller_spec(design, name, **settings)[0],
+    ),
+    (
+        DelaySystem | str,
+        ("initial",),
+        lambda system, name, **settings: plant_spec(system, name, **settings)[0],
+    ),
+    (
+        DelayLTI,
+        ("initial",),
+        lambda model, name, **settings: plant_spec(model.plant(), name, **settings)[0],
+    ),
+    (Packable, (), lambda packable, name: packable.fmu_spec(name)),
+)
+"""Types, the settings that they take, and what specifies their component."""
 
 
 def pack(

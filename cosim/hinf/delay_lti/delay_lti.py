@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError, html_table, matrix_text
 from cosim.hinf.delay_lti import to_models
-from cosim.hinf.delay_lti.blocks import Blocks, beside
+from cosim.hinf.delay_lti.blocks import Blocks, Complexes, beside
 from cosim.hinf.delay_lti.connections import dead, delays_of, in_series, with_io_delays
 from cosim.hinf.delay_lti.frequency import (
     FrequencyResponse,
@@ -31,7 +31,7 @@ from cosim.hinf.delay_lti.frequency import (
 from cosim.hinf.delay_lti.from_models import blocks_of
 from cosim.hinf.delay_lti.margins import Margins, margins_of
 from cosim.hinf.delay_lti.norm import NormResult, norm_of
-from cosim.hinf.delay_lti.retarded import plain_of
+from cosim.hinf.delay_lti.retarded import plain_of, terms_of
 from cosim.hinf.delay_lti.root_array import CharacteristicRoots
 from cosim.hinf.delay_lti.roots import is_stable, roots_of
 from cosim.hinf.delay_lti.time_response import (
@@ -42,14 +42,14 @@ from cosim.hinf.delay_lti.time_response import (
     step_response,
 )
 from cosim.hinf.delay_lti.winding import winding_of
-from cosim.models import DelaySystem
+from cosim.models import Delay, DelaySystem
 
 
 class DelayLTI(Blocks):
     """A linear time-invariant system with internal delays; made by `lti` and `dead_time`.
 
     `G2 * G1` is the series connection u -> G1 -> G2, `G1 + G2` the parallel one, `G.feedback(H)`
-    the closed loop; `G(s)` the transfer function at a complex s. Numbers, matrices, and models of
+    the closed loop; `G.value(s)` its transfer function. Numbers, matrices, and models of
     python-control and SciPy may stand on either side. Matrices as in `cosim.hinf.delay_lti.blocks`.
     """
 
@@ -124,8 +124,10 @@ class DelayLTI(Blocks):
 
     # responses
 
-    def __call__(self, s: ArrayLike) -> Any:
+    def value(self, s: ArrayLike) -> Any:
         """Return G(s), s.shape + (p, m); s.shape where there is one input and output.
+
+        Not by a call: python-control would take the system for the function of another one.
 
         Raises
         ------
@@ -137,7 +139,11 @@ class DelayLTI(Blocks):
             raise InputError("a pole of the system", where="s", got=str(s)) from error
         return value[..., 0, 0] if self.is_siso else value
 
-    def frequency_response(self, omega: ArrayLike | None = None) -> FrequencyResponse:
+    def frequency_response(
+        self,
+        omega: ArrayLike | None = None,
+        squeeze: None = None,  # noqa: ARG002 - `control.frequency_response` gives it
+    ) -> FrequencyResponse:
         """Return G(j omega), exact at each frequency [rad/s]; None: a grid that shows it.
 
         Raises
@@ -286,7 +292,61 @@ class DelayLTI(Blocks):
             )
         return retarded
 
-    # other libraries
+    def plant(self) -> DelaySystem:
+        """Return it as a `DelaySystem` from u to z, as an FMU and a run take it.
+
+        Raises
+        ------
+        InputError : a neutral system, no states, or late inputs or outputs: those are links.
+        """
+        first, *rest = terms_of(self)
+        late = [t.h for t in rest if t.B.any() or t.C.any() or t.D.any()]
+        if late or not self.order:
+            raise InputError(
+                "the plant of this system has a dead time at its inputs or outputs"
+                if late
+                else "a system without states is no plant",
+                where="plant",
+                expected="states, and delays between them alone",
+                got=f"{late[0]:g} s" if late else repr(self)[1:-1],
+                hint="pack the part without it, and let a link carry the signal: "
+                f".link(NAME, kind='transport', delay={late[0]:g})"
+                if late
+                else "a gain is a matrix or `gain` of a connection",
+            )
+        delays = [Delay(t.h, t.A) for t in rest]
+        return DelaySystem(first.A, first.B, None, first.C, None, first.D, delays=delays)
+
+    # other libraries; python-control asks the first four of a system that it does not know
+
+    def isctime(self, strict: bool = False) -> bool:  # noqa: ARG002, FBT001, FBT002 - theirs
+        """Whether its time is continuous: always."""
+        return True
+
+    def isdtime(self, strict: bool = False) -> bool:  # noqa: ARG002, FBT001, FBT002 - theirs
+        """Whether its time is discrete: never."""
+        return False
+
+    def dcgain(self) -> Any:
+        """Return G(0), as `value`; `InputError` for an integrator."""
+        return self.value(0.0)
+
+    def poles(self) -> Complexes:
+        """Return the poles of a system without delays.
+
+        Raises
+        ------
+        InputError : delays: there are infinitely many, and `roots` finds the rightmost.
+        """
+        if self.delays.size:
+            raise InputError(
+                "a system with delays has infinitely many poles",
+                where="poles",
+                expected="a system without delays",
+                got=repr(self)[1:-1],
+                hint="roots(count) are the rightmost ones",
+            )
+        return np.linalg.eigvals(self.A).astype(np.complex128)
 
     def to_control(self, *, omega: ArrayLike | None = None, pade: int | None = None) -> Any:
         """Return a model of python-control: an exact `control.FRD`, or a `control.StateSpace`.
