@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from cosim import scenario, vehicle as vehicles
+from cosim import vehicle as vehicles
 from cosim.cli.arguments import write
 from cosim.cli.common import (
     FMUS,
@@ -24,7 +25,7 @@ from cosim.cli.run_view import outcome_view
 from cosim.cli.runs import exit_with, interruptions_reported, make_fmu_cache
 from cosim.cli.terminal import console, titles_table
 from cosim.cli.vehicle_view import findings_view, flight_view, keys_view, overview_view
-from cosim.core import InputError, unreadable
+from cosim.core import InputError, seconds, unreadable
 
 vehicle_app = HelpTyper(
     help="Create, check, show and fly a vehicle from its parameters: designed, proved, simulated.",
@@ -267,13 +268,6 @@ def fly(
 
 def _seconds(option: str, text: str) -> float:
     """Return a time of the command line in seconds: 2, 2s, '800 ms', 3min."""
-    try:
+    with suppress(ValueError):
         return float(text)
-    except ValueError:
-        pass
-    try:
-        return scenario.seconds_in(text)
-    except ValueError as error:
-        raise InputError(
-            "not a time", where=option, expected="seconds, or with a unit: 2s", got=repr(text)
-        ) from error
+    return seconds(text, option)

@@ -104,6 +104,23 @@ from .progress import (
     reported_to as reported_to,
     silent as silent,
 )
+from .quantity import (
+    ANGLE as ANGLE,
+    NUMBER as NUMBER,
+    NUMBER_ONLY as NUMBER_ONLY,
+    TIME as TIME,
+    UNIT as UNIT,
+    Dimension as Dimension,
+    Quantity as Quantity,
+    QuantityError as QuantityError,
+    Seconds as Seconds,
+    check_dimension as check_dimension,
+    dimension as dimension,
+    parse_quantity as parse_quantity,
+    quantity_in as quantity_in,
+    seconds as seconds,
+    unit_in as unit_in,
+)
 from .rounding import (
     at_least as at_least,
     at_most as at_most,

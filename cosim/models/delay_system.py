@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import html_table, matrix_text
+from cosim.core import InputError, Seconds, html_table, matrix_text, seconds
 from cosim.models.state_space import plant_from
 from cosim.models.values import Value, read_only
 
@@ -47,13 +47,13 @@ def read_only_matrix(name: str, value: ArrayLike, rows: int | None, columns: int
     try:
         matrix = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: not a matrix of numbers; expected {expected}") from error
+        raise InputError(f"{name}: not a matrix of numbers; expected {expected}") from error
     wrong_rows = rows is not None and matrix.shape[:1] != (rows,)
     wrong_columns = columns is not None and matrix.shape[1:] != (columns,)
     if matrix.ndim != 2 or wrong_rows or wrong_columns:
-        raise ValueError(f"{name}: wrong shape; expected {expected}, got {matrix.shape}")
+        raise InputError(f"{name}: wrong shape; expected {expected}, got {matrix.shape}")
     if not np.isfinite(matrix).all():
-        raise ValueError(f"{name}: expected finite numbers, got {matrix[~np.isfinite(matrix)][0]}")
+        raise InputError(f"{name}: expected finite numbers, got {matrix[~np.isfinite(matrix)][0]}")
     return read_only(matrix)
 
 
@@ -84,7 +84,7 @@ def _by_state(name: str, value: Any, n: int) -> tuple[bool, ...]:
     """Return n truth values, checked."""
     chosen = tuple(value)
     if len(chosen) != n or not all(isinstance(x, bool | np.bool_) for x in chosen):
-        raise ValueError(
+        raise InputError(
             f"{name}: expected a truth value, or {n} of them, or {n} in each row of K, "
             f"got {value!r}"
         )
@@ -96,7 +96,7 @@ def _size(name: str, sizes: dict[str, int]) -> int:
     counts = set(sizes.values())
     if len(counts) > 1:
         got = ", ".join(f"{matrix} has {size}" for matrix, size in sizes.items())
-        raise ValueError(f"{name}: matrices disagree; expected one number, got {got}")
+        raise InputError(f"{name}: matrices disagree; expected one number, got {got}")
     return counts.pop() if counts else 0
 
 
@@ -108,14 +108,14 @@ def _block_sizes(value: Any, s: int, r: int) -> tuple[tuple[int, int], ...] | No
     try:
         blocks = tuple((operator.index(p), operator.index(q)) for p, q in value)
     except (TypeError, ValueError) as error:
-        raise ValueError(
+        raise InputError(
             f"{name}: expected a pair of numbers (columns of E, rows of H) per block, got {value!r}"
         ) from error
     if any(min(block) < 1 for block in blocks):
-        raise ValueError(f"{name}: expected at least one column and one row each, got {blocks}")
+        raise InputError(f"{name}: expected at least one column and one row each, got {blocks}")
     sums = sum(p for p, _ in blocks), sum(q for _, q in blocks)
     if sums != (s, r):
-        raise ValueError(
+        raise InputError(
             f"{name}: expected blocks of {s} columns of E and {r} rows of H in all, "
             f"got {sums[0]} and {sums[1]}"
         )
@@ -128,7 +128,7 @@ class Delay(Value):
 
     Parameters
     ----------
-    d : the delay [s], finite and not negative.
+    d : the delay [s], or a text with a unit; finite and not negative.
     A : (n, n) the matrix of x(t-d); None: zero, as where the control alone acts through the delay.
     H : (r, n) the right factor of the uncertainty for this delay; None: no uncertainty.
     feedback : the control acts through this delay, u = K x(t-d). One truth value per state
@@ -145,7 +145,7 @@ class Delay(Value):
 
     Raises
     ------
-    ValueError : names the argument, what was expected and what was got.
+    InputError : names the argument, what was expected and what was got.
     """
 
     d: float
@@ -159,32 +159,33 @@ class Delay(Value):
 
     def __init__(
         self,
-        d: float,
+        d: Seconds,
         A: ArrayLike | None = None,
         H: ArrayLike | None = None,
         feedback: bool | Sequence[bool] | Sequence[Sequence[bool]] = False,  # noqa: FBT001, FBT002 - fields of a record
         any_age: bool = False,  # noqa: FBT001, FBT002
         *,
-        least_age: float = 0.0,
+        least_age: Seconds = 0.0,
         rate: float | None = None,
         sampled: bool = False,
     ) -> None:
+        d, least_age = seconds(d, "delay d"), seconds(least_age, "least_age")
         if not (math.isfinite(d) and d >= 0):
-            raise ValueError(f"delay d: expected a finite number of seconds >= 0, got {d}")
+            raise InputError(f"delay d: expected a finite number of seconds >= 0, got {d}")
         varies = any_age or sampled or rate is not None
         if not 0 <= least_age <= d or (least_age == d and d > 0):
-            raise ValueError(
+            raise InputError(
                 f"least_age: expected at least 0 and less than d = {d}, got {least_age}"
             )
         if least_age > 0 and not varies:
-            raise ValueError(
+            raise InputError(
                 "least_age: expected an age that varies (any_age, rate or sampled), "
                 "got a constant delay"
             )
         if rate is not None and not (math.isfinite(rate) and rate >= 0):
-            raise ValueError(f"rate: expected a finite bound of |tau'|, >= 0, got {rate}")
+            raise InputError(f"rate: expected a finite bound of |tau'|, >= 0, got {rate}")
         if rate is not None and sampled:
-            raise ValueError("rate: expected none with sampled (the age jumps), got both")
+            raise InputError("rate: expected none with sampled (the age jumps), got both")
         if A is None:  # of no states yet: the system says how many
             A = np.zeros((n := _states_of(H, feedback), n))
         n = read_only_matrix("A of a delay", A, None, None).shape[0]
@@ -256,7 +257,7 @@ def _states_of(H: ArrayLike | None, feedback: Any) -> int:
     return 0 if isinstance(feedback, bool) else int(np.shape(feedback)[-1])
 
 
-def link(d: float, **ages: Any) -> Delay:
+def link(d: Seconds, **ages: Any) -> Delay:
     """Return the delay of a link: the control acts through it, at any age up to d [s].
 
         DelaySystem(A, B, C=C, D=D, D2=D2, delays=[link(2.0)])
@@ -272,7 +273,7 @@ def _fed_back_at_once(
     """Return what is fed back at once, checked beside the delays; None where that is usual."""
     of_whole_state = [i for i, delay in enumerate(delays, 1) if delay.feedback is True]
     if len(of_whole_state) > 1:
-        raise ValueError(f"feedback: expected at most one delay, got delays {of_whole_state}")
+        raise InputError(f"feedback: expected at most one delay, got delays {of_whole_state}")
     if feedback is None:
         at_once: Feedback = not any(x.feedback for x in delays)
     else:
@@ -280,16 +281,16 @@ def _fed_back_at_once(
     masks = [_mask(x, n) for x in (at_once, *(x.feedback for x in delays))]
     for mask in masks:
         if mask.ndim == 2 and len(mask) != m:
-            raise ValueError(f"feedback: expected one row per control, {m}, got {len(mask)}")
+            raise InputError(f"feedback: expected one row per control, {m}, got {len(mask)}")
     used = np.asarray(sum(masks[1:], masks[0]))
     if used.max() > 1:
         by_state = used if used.ndim == 1 else used.max(axis=0)
-        raise ValueError(
+        raise InputError(
             "feedback: expected every state fed back once at most, got state "
             f"{1 + int(by_state.argmax())} fed back {int(used.max())} times"
         )
     if not used.any():
-        raise ValueError("feedback: expected at least one state that is fed back, got none")
+        raise InputError("feedback: expected at least one state that is fed back, got none")
     usual = isinstance(at_once, bool) and at_once != any(x.feedback for x in delays)
     if usual:
         return None
@@ -360,7 +361,7 @@ class DelaySystem(Value):
     ) -> None:
         n = read_only_matrix("A", A, None, None).shape[0]
         if n == 0:
-            raise ValueError("A: expected at least one state, got shape (0, 0)")
+            raise InputError("A: expected at least one state, got shape (0, 0)")
         values = {"A": A, "B": B, "C": C, "D": D, "D1": D1, "D2": D2, "E": E, "H": H}
         heights, widths = {"A": n, "B": n, "C": n, "E": n}, {"A": n, "D": n, "H": n}
         given = {
@@ -374,13 +375,13 @@ class DelaySystem(Value):
 
         m = size("inputs (columns of B, D2)", 1, "B", "D2")
         if m and "B" not in given:
-            raise ValueError(f"B: expected shape {(n, m)} beside D2, which weighs u; got no B")
+            raise InputError(f"B: expected shape {(n, m)} beside D2, which weighs u; got no B")
         q = size("disturbances (columns of C, D1)", 1, "C", "D1")
         p = size("performance outputs (rows of D, D1, D2)", 0, "D", "D1", "D2")
         delays = [delay.of_states(n) for delay in delays]
         for i, delay in enumerate(delays, 1):
             if delay.A.shape != (n, n):
-                raise ValueError(f"A of delay {i}: expected {(n, n)}, got {delay.A.shape}")
+                raise InputError(f"A of delay {i}: expected {(n, n)}, got {delay.A.shape}")
         rows = {f"H of delay {i}": x.H.shape[0] for i, x in enumerate(delays, 1) if x.H.size}
         if "H" in given:
             rows["H"] = given["H"].shape[0]
@@ -388,7 +389,7 @@ class DelaySystem(Value):
         s = given["E"].shape[1] if "E" in given else 0
         if (r == 0) != (s == 0):
             got = "H without E" if s == 0 else "E without H"
-            raise ValueError(f"uncertainty E F [H ...]: expected both factors, got {got}")
+            raise InputError(f"uncertainty E F [H ...]: expected both factors, got {got}")
         shapes = ((n, n), (n, m), (n, q), (p, n), (p, q), (p, m), (n, s), (r, n))
         for key, shape in zip(values, shapes, strict=True):
             matrix = given[key] if key in given else read_only_matrix(key, np.zeros(shape), *shape)
@@ -402,7 +403,7 @@ class DelaySystem(Value):
         object.__setattr__(self, "uncertainty_blocks", sizes)
         first = n - integrals
         if not 0 < first <= n or self.B[first:].any() or self.C[first:].any():
-            raise ValueError(
+            raise InputError(
                 f"integrals: expected fewer than {n} states, the last, without B and C, "
                 f"got {integrals}"
             )

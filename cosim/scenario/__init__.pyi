@@ -73,7 +73,6 @@ from .python_api import (
     open_session as open_session,
     run as run,
 )
-from .quantity import seconds_in as seconds_in
 from .read import (
     LoadedScenario as LoadedScenario,
     load as load,

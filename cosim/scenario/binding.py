@@ -18,7 +18,7 @@ from fractions import Fraction
 from functools import lru_cache, partial, reduce
 from typing import Any, Literal, NamedTuple, Protocol
 
-from cosim.core import InputError
+from cosim.core import ANGLE, NUMBER_ONLY, TIME, Dimension, InputError
 from cosim.scenario.expression import Expression, ExpressionError, reference_of
 from cosim.scenario.functions import (
     CONSTANTS,
@@ -32,7 +32,6 @@ from cosim.scenario.functions import (
     opposite,
     power,
 )
-from cosim.scenario.quantity import ANGLE, NUMBER_ONLY, TIME, Dimension
 from cosim.tape import Scalar, Tape, compute, evaluate
 
 Kind = Literal["truth", "number"]

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-from cosim.core import InputError
+from cosim.core import Dimension, InputError, dimension
 from cosim.fmu.export import UNITS, ComponentSpec, component_module
 from cosim.scenario.binding import BoundExpression, Meaning, Scope, bind
 from cosim.scenario.expression import Expression
-from cosim.scenario.quantity import Dimension, dimension
 from cosim.tape import Tape
 
 _SPECS = component_module("computed.variables")

@@ -18,8 +18,7 @@ import threading
 import warnings
 from typing import Any
 
-from cosim.core import InputError
-from cosim.scenario.quantity import NUMBER, Quantity, QuantityError, parse_quantity
+from cosim.core import NUMBER, InputError, Quantity, QuantityError, parse_quantity
 
 MAX_LENGTH = 1000
 _NAME = r"(?:[A-Za-zµμΩ°]+|%)"

@@ -20,15 +20,15 @@ from pydantic import (
 )
 
 from cosim import core
-from cosim.core import KeyPath
-from cosim.network import MAX_NS
-from cosim.scenario.quantity import (
+from cosim.core import (
     NUMBER_ONLY,
     TIME,
     Dimension,
+    KeyPath,
     QuantityError,
     dimension,
 )
+from cosim.network import MAX_NS
 from cosim.scenario.values import VALUE_PATTERN, parse_value, value_in
 
 NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9_-]*$"

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, QuantityError, parse_quantity
 from cosim.fmu import FmuDescription, Port
 from cosim.master import CommunicationSchedule, Endpoint
 from cosim.network import no_rows, read_rows
 from cosim.scenario.matching import endpoint
-from cosim.scenario.quantity import QuantityError, parse_quantity
 from cosim.scenario.signal_parts import InputsPart
 from cosim.scenario.units import unit_of
 

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from cosim.core import Findings, InputError, KeyPath, is_inside
+from cosim.core import NUMBER_ONLY, TIME, Findings, InputError, KeyPath, QuantityError, is_inside
 from cosim.fmu import FmuDescription, Port
 from cosim.fmu.export import ComponentSpec, component_module
 from cosim.master import Connection, Endpoint
@@ -26,7 +26,6 @@ from cosim.scenario.binding import Meaning, check_name
 from cosim.scenario.computed import ComputedTable, unit_named
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.matching import endpoint, matched
-from cosim.scenario.quantity import NUMBER_ONLY, TIME, QuantityError
 from cosim.scenario.schema import ComponentPart, ConnectionPart, ScenarioPart
 from cosim.scenario.scope import meaning_of_state
 from cosim.scenario.script import changed_by

@@ -7,9 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError
 
-from cosim.core import InputError
+from cosim.core import InputError, QuantityError, dimension, quantity_in
 from cosim.scenario.fields import Delay, Part, QuantityText
-from cosim.scenario.quantity import QuantityError, dimension, quantity_in
 
 _NONE = "none"
 

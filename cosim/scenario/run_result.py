@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Self
 
-from cosim.core import InputError
+from cosim.core import InputError, Seconds
 from cosim.scenario.outcome import Outcome
 from cosim.trace import Diff, Recorded, Table, TopicInfo, Trace, diff
 
@@ -55,8 +55,8 @@ class RunResult(Outcome, Recorded):
         self,
         topics: Sequence[str] | None = None,
         *,
-        start: float | None = None,
-        end: float | None = None,
+        start: Seconds | None = None,
+        end: Seconds | None = None,
     ) -> dict[str, Table]:
         """Read several topics, as `Trace.read_all`."""
         return self._kept().read_all(topics, start=start, end=end)

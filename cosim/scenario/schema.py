@@ -22,7 +22,7 @@ from pydantic import (
     model_validator,
 )
 
-from cosim.core import KeyPath, NotNegative, Number, Positive, Text
+from cosim.core import TIME, KeyPath, NotNegative, Number, Positive, Text
 from cosim.master import Algorithm, Policy, UnknownFeedthrough
 from cosim.scenario.copies import written_out
 from cosim.scenario.events import AssertionPart, EventPart
@@ -45,7 +45,6 @@ from cosim.scenario.fields import (
 from cosim.scenario.links import LinkPart
 from cosim.scenario.media import MediumPart
 from cosim.scenario.modes import ModesPart
-from cosim.scenario.quantity import TIME
 from cosim.scenario.run_limits import LimitsPart
 from cosim.scenario.signal_parts import ComputedPart, InputsPart, SensorPart
 from cosim.scenario.values import value_in

@@ -8,7 +8,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import NUMBER_ONLY, TIME, InputError
 from cosim.fmu import Port
 from cosim.master import LINK_STATE, MODE_NUMBER, ComponentInstance, Endpoint, System, element_names
 from cosim.network import PacketLink
@@ -16,7 +16,6 @@ from cosim.scenario.binding import Meaning, check_name
 from cosim.scenario.link_rows import link_state
 from cosim.scenario.matching import endpoint
 from cosim.scenario.modes import TIME_IN_STATE
-from cosim.scenario.quantity import NUMBER_ONLY, TIME
 from cosim.scenario.signal_reader import Block, SignalReader
 from cosim.scenario.units import unit_of
 

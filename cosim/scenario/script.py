@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import count
 from typing import Any, NamedTuple
 
-from cosim.core import Findings, InputError, KeyPath
+from cosim.core import Findings, InputError, KeyPath, unit_in
 from cosim.fmu import checked_scalars, describe_settable, may_be_set
 from cosim.master import Endpoint, System
 from cosim.network import PacketLink
@@ -18,7 +18,6 @@ from cosim.scenario.expression import Expression
 from cosim.scenario.link_keys import nanoseconds
 from cosim.scenario.matching import endpoint
 from cosim.scenario.modes import ModesPart
-from cosim.scenario.quantity import unit_in
 from cosim.scenario.schema import ScenarioPart
 from cosim.scenario.scope import RunScope
 from cosim.scenario.units import in_own_unit

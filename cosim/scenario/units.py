@@ -7,15 +7,16 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from cosim.core import Findings, InputError
-from cosim.fmu import FmuDescription, Port, checked_scalars, describe_settable, may_be_set
-from cosim.scenario.quantity import (
+from cosim.core import (
     Dimension,
+    Findings,
+    InputError,
     QuantityError,
     check_dimension,
     dimension,
     parse_quantity,
 )
+from cosim.fmu import FmuDescription, Port, checked_scalars, describe_settable, may_be_set
 from cosim.scenario.values import parse_value
 
 

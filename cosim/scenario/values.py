@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import re
 
-from cosim.scenario.binding import formula
-from cosim.scenario.expression import ExpressionError
-from cosim.scenario.quantity import (
+from cosim.core import (
     NUMBER,
     NUMBER_ONLY,
     UNIT,
@@ -16,6 +14,8 @@ from cosim.scenario.quantity import (
     check_dimension,
     parse_quantity,
 )
+from cosim.scenario.binding import formula
+from cosim.scenario.expression import ExpressionError
 
 VALUE_PATTERN = rf"^\s*{NUMBER}\s*{UNIT}\s*$|\(|\s[-+*/]\s|\*\*"
 """Regular expression of texts that may be a value: editors check by it."""

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError, LossError
+from cosim.core import InputError, LossError, Seconds
 from cosim.trace.file.contents import Segment
 from cosim.trace.file.contents_scan import by_scan
 from cosim.trace.file.declared import Channel
@@ -188,8 +188,8 @@ class Trace(Recorded):
         self,
         topics: Sequence[str] | None = None,
         *,
-        start: float | None = None,
-        end: float | None = None,
+        start: Seconds | None = None,
+        end: Seconds | None = None,
     ) -> dict[str, Table]:
         """Read several topics (all protobuf topics if None) in one pass over the file."""
         if topics is None:
@@ -208,8 +208,8 @@ class Trace(Recorded):
         self,
         topics: Sequence[str] | None = None,
         *,
-        start: float | None = None,
-        end: float | None = None,
+        start: Seconds | None = None,
+        end: Seconds | None = None,
         part_bytes: int = PART_BYTES,
     ) -> Iterator[dict[str, Table]]:
         """Yield the rows of topics (all protobuf topics if None) in file order, part by part.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError, is_inside
+from cosim.core import InputError, Seconds, is_inside
 from cosim.trace.rows import layout
 from cosim.trace.rows.layout import Signal
 from cosim.trace.tables import traffic
@@ -44,8 +44,8 @@ class Recorded(Framed):
         self,
         topics: Sequence[str] | None = None,
         *,
-        start: float | None = None,
-        end: float | None = None,
+        start: Seconds | None = None,
+        end: Seconds | None = None,
     ) -> dict[str, Table]:
         """Read several topics (all protobuf topics if None) in one pass.
 
@@ -104,7 +104,9 @@ class Recorded(Framed):
             self.place(name)  # a column of a topic without a description of its signals
         return found or [name]
 
-    def signal(self, name: str, *, start: float | None = None, end: float | None = None) -> Series:
+    def signal(
+        self, name: str, *, start: Seconds | None = None, end: Seconds | None = None
+    ) -> Series:
         """Read one signal over time: `plant.eta.x`, or `/link/uplink:plant.eta.x`.
 
         start, end : as in `read`.
@@ -153,7 +155,9 @@ class Recorded(Framed):
     def __iter__(self) -> Iterator[str]:
         return iter(self.signals)
 
-    def read(self, topic: str, *, start: float | None = None, end: float | None = None) -> Table:
+    def read(
+        self, topic: str, *, start: Seconds | None = None, end: Seconds | None = None
+    ) -> Table:
         """Read the rows of one topic.
 
         start, end : least and greatest time of delivery [s]; all by default.
@@ -170,8 +174,8 @@ class Recorded(Framed):
         what: str | Sequence[str] | None,
         align: Align,
         between: Between,
-        start: float | None,
-        end: float | None,
+        start: Seconds | None,
+        end: Seconds | None,
     ) -> tuple[Mapping[str, Sequence[Any]], Sequence[Joined]]:
         """See `Framed`."""
         if what is None:

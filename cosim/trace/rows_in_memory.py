@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, Seconds
 from cosim.trace.recorded_rows import Recorded
 from cosim.trace.rows import layout
 from cosim.trace.rows.hold import blanks
@@ -163,8 +163,8 @@ class RowsInMemory(Recorded):
         self,
         topics: Sequence[str] | None = None,
         *,
-        start: float | None = None,
-        end: float | None = None,
+        start: Seconds | None = None,
+        end: Seconds | None = None,
     ) -> dict[str, Table]:
         """Read several topics, all if None.
 

@@ -12,7 +12,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, overload
 
-from cosim.core import InputError, optional
+from cosim.core import InputError, Seconds, optional
 from cosim.trace.reader import Trace
 from cosim.trace.rows import layout
 from cosim.trace.tables.column import Align, Between, Joined
@@ -105,8 +105,8 @@ class Traces(Framed, Sequence[Trace]):
         what: str | Sequence[str] | None,
         align: Align,
         between: Between,
-        start: float | None,
-        end: float | None,
+        start: Seconds | None,
+        end: Seconds | None,
     ) -> tuple[Mapping[str, Sequence[Any]], Sequence[Joined]]:
         """See `Framed`; a signal that a trace does not have is an error there."""
         parts = [

@@ -72,7 +72,7 @@ def table() -> tuple[dict[str, bool], dict[str, float]]:
     """The file of units: by name whether it is one, and the prefixes."""
     units: dict[str, bool] = {}
     prefixes: dict[str, float] = {}
-    for line in files("cosim.scenario").joinpath("units.txt").read_text("utf-8").splitlines():
+    for line in files("cosim.core").joinpath("units.txt").read_text("utf-8").splitlines():
         match line.split():
             case ["#", *_]:
                 pass

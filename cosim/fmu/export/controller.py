@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cosim.core import InputError, counted
+from cosim.core import InputError, Seconds, counted, seconds
 from cosim.fmu.export.components import component_module
 from cosim.fmu.export.fmu_file import FmuTarget, checked_name, model_name, write_fmu
 from cosim.fmu.export.parts_of_design import vehicle_settings
@@ -87,7 +87,7 @@ def controller_spec(
     name: str,
     *,
     where: str = "the design",
-    sample_time: float | None = None,
+    sample_time: Seconds | None = None,
     limits: Sequence[float] | None = None,
     observer: bool = False,
     watch: bool = False,
@@ -100,8 +100,8 @@ def controller_spec(
     data : a design, or a design or certificate as JSON values.
     name : of the model.
     where : the origin of `data`, for messages.
-    sample_time : start value [s]; by default 0.05 for the vehicle and 0 (every communication
-        point) for any other system.
+    sample_time : start value [s], or a text with a unit; by default 0.05 for the vehicle and 0
+        (every communication point) for any other system.
     limits : for the vehicle, of each thrust [N] and of the moment [N m]; otherwise one per
         command, by default none, or those of the actuators in the design of a vehicle file.
     observer : of an output feedback, only its observer.
@@ -235,11 +235,11 @@ def is_vehicle(system: DelaySystem) -> bool:
 
 
 def _settings(
-    sample_time: float | None, limits: Sequence[float] | None, form: Form, m: int
+    sample_time: Seconds | None, limits: Sequence[float] | None, form: Form, m: int
 ) -> dict[str, Any]:
     """Check sample time and limits, and return them with their defaults."""
     usual = (0.05, tuple(_VARIABLES.LIMITS)) if form == "vehicle" else (0.0, ())
-    chosen = usual[0] if sample_time is None else sample_time
+    chosen = usual[0] if sample_time is None else seconds(sample_time, "sample_time")
     bounds = usual[1] if limits is None else tuple(limits)
     if not (math.isfinite(chosen) and chosen >= 0):
         raise InputError(

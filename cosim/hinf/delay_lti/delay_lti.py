@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.core import InputError, NotAchievableError, html_table, matrix_text
+from cosim.core import InputError, NotAchievableError, Seconds, html_table, matrix_text, seconds
 from cosim.hinf.delay_lti import to_models
 from cosim.hinf.delay_lti.blocks import Blocks, Complexes, beside
 from cosim.hinf.delay_lti.connections import dead, delays_of, in_series, with_io_delays
@@ -413,14 +413,14 @@ def lti(
     return _made(blocks)
 
 
-def dead_time(tau: float, size: int = 1) -> DelayLTI:
-    """Return e^{-s tau}, the pure delay of `size` signals.
+def dead_time(tau: Seconds, size: int = 1) -> DelayLTI:
+    """Return e^{-s tau}, the pure delay of `size` signals; tau in seconds, or with a unit.
 
     Raises
     ------
     InputError : tau is no number of seconds >= 0.
     """
-    return _made(beside(*[dead(tau)] * size))
+    return _made(beside(*[dead(seconds(tau, "tau"))] * size))
 
 
 def exp(exponent: Any) -> DelayLTI:

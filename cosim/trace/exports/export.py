@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 
-from cosim.core import InputError, Progress, not_written, silent, written_beside
+from cosim.core import InputError, Progress, Seconds, not_written, silent, written_beside
 from cosim.trace.content import content_hash_of
 from cosim.trace.exports.files import CsvFile, ParquetFile, Sheet
 from cosim.trace.exports.mat_file import MatFile, bytes_of, check_size
@@ -59,8 +59,8 @@ def export(
     *,
     topics: Sequence[str] | None = None,
     signals: Sequence[str] | None = None,
-    start: float | None = None,
-    end: float | None = None,
+    start: Seconds | None = None,
+    end: Seconds | None = None,
     wide: bool = False,
     report_progress: Progress | None = None,
 ) -> list[WrittenTable]:
@@ -251,7 +251,7 @@ def _file_names(topics: list[str]) -> dict[str, str]:
 def _long(
     trace: Trace,
     chosen: Mapping[str, list[str] | None],
-    seconds: tuple[float | None, float | None],
+    seconds: tuple[Seconds | None, Seconds | None],
     window: tuple[int, int],
 ) -> Iterator[Sheet]:
     """Yield the tables of topics part by part: time_s, sent_s, sequence, then the signals."""

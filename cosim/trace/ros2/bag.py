@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError, Progress, not_written, silent, written_beside
+from cosim.core import InputError, Progress, Seconds, not_written, silent, written_beside
 from cosim.trace.file.block import HEAD, Records, in_order
 from cosim.trace.file.stream import McapStream
 from cosim.trace.reader import Trace
@@ -65,8 +65,8 @@ def export_bag(
     target: Path | None,
     *,
     topics: Sequence[str] | None = None,
-    start: float | None = None,
-    end: float | None = None,
+    start: Seconds | None = None,
+    end: Seconds | None = None,
     report_progress: Progress | None = None,
 ) -> WrittenBag:
     """Write the topics of a trace as messages of ROS 2; see `cosim.trace.ros2.topics`.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError, optional
+from cosim.core import InputError, Seconds, optional
 from cosim.trace.tables.arrow import arrow_array, arrow_field, pyarrow
 from cosim.trace.tables.column import Align, Between, Column, Index, Integers, Joined
 
@@ -27,7 +27,8 @@ class Framed(ABC):
         inputs of all components. Of a `Table`: signals and groups by their names in the topic
         (`eta.x`, `eta`); None: its rows as recorded.
     align : the time base. "union": every instant of a row. A topic: the instants of its rows. A
-        number: that period [s], from the first row to the last. An array: these instants [s].
+        period [s], or a text with a unit: from the first row to the last. An array: these
+        instants [s].
         Before its first row a column is missing, as the library marks it.
     between : "hold": the value in force, sample and hold, as in the run, whatever the signal's
         own `hold` is. "interpolate": on the line between its rows, where the signal is a real
@@ -48,8 +49,8 @@ class Framed(ABC):
         align: Align = "union",
         between: Between = "hold",
         index: Index = "seconds",
-        start: float | None = None,
-        end: float | None = None,
+        start: Seconds | None = None,
+        end: Seconds | None = None,
     ) -> Any:
         """Return a pandas DataFrame over the time of delivery; arguments as of `Framed`.
 
@@ -84,8 +85,8 @@ class Framed(ABC):
         align: Align = "union",
         between: Between = "hold",
         index: Index = "seconds",
-        start: float | None = None,
-        end: float | None = None,
+        start: Seconds | None = None,
+        end: Seconds | None = None,
     ) -> Any:
         """Return an Arrow table; arguments as of `Framed`.
 
@@ -116,8 +117,8 @@ class Framed(ABC):
         align: Align = "union",
         between: Between = "hold",
         index: Index = "seconds",
-        start: float | None = None,
-        end: float | None = None,
+        start: Seconds | None = None,
+        end: Seconds | None = None,
     ) -> Any:
         """Return an xarray Dataset over the coordinate `time`; arguments as of `Framed`.
 
@@ -155,8 +156,8 @@ class Framed(ABC):
         what: str | Sequence[str] | None,
         align: Align,
         between: Between,
-        start: float | None,
-        end: float | None,
+        start: Seconds | None,
+        end: Seconds | None,
     ) -> tuple[Mapping[str, Sequence[Any]], Sequence[Joined]]:
         """Return the levels ({} of one recording), and the columns of each recording."""
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError, is_inside
+from cosim.core import InputError, Seconds, is_inside
 from cosim.trace.rows.hold import interpolated, rows_in_force, sample_and_hold
 from cosim.trace.rows.layout import Signal
 from cosim.trace.tables.column import Align, Between, Column, Joined
@@ -85,8 +85,8 @@ class Table(Framed):
         what: str | Sequence[str] | None,
         align: Align,
         between: Between,
-        start: float | None,
-        end: float | None,
+        start: Seconds | None,
+        end: Seconds | None,
     ) -> tuple[Mapping[str, Sequence[Any]], Sequence[Joined]]:
         """See `Framed`."""
         rows, names = self.within(start, end), self._members(what)
@@ -133,7 +133,7 @@ class Table(Framed):
                 values, there = sample_and_hold(values, rows_in_force(times, base))
         return Column(full_name, signal.unit, signal.description, values, there)
 
-    def within(self, start: float | None, end: float | None) -> Table:
+    def within(self, start: Seconds | None, end: Seconds | None) -> Table:
         """Return the rows delivered in a window [s], both ends included; None is no bound."""
         low, high = window_ns(start, end)
         if start is None and end is None:

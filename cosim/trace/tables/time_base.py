@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import InputError, Seconds, seconds, unit_in
 from cosim.trace.file.records import LATEST_NS
 from cosim.trace.tables.column import Align
 
@@ -29,6 +29,9 @@ def time_base(align: Align, topics: Mapping[str, Integers], chosen: Iterable[Int
             return every
         if align in topics:
             return np.unique(topics[align])
+        if unit_in(align) is not None:
+            align = seconds(align, "align")
+    if isinstance(align, str):
         raise InputError.unknown("topic to align with", align, ["union", *topics], where="align")
     if isinstance(align, int | float):
         period = round(align * 1e9) if np.isfinite(align) else 0
@@ -45,19 +48,22 @@ def time_base(align: Align, topics: Mapping[str, Integers], chosen: Iterable[Int
     return np.rint(given * 1e9).astype(np.int64)
 
 
-def window_ns(start: float | None, end: float | None) -> tuple[int, int]:
+def window_ns(start: Seconds | None, end: Seconds | None) -> tuple[int, int]:
     """Return a time window in nanoseconds, both ends included; None is no bound."""
-    bounds = []
-    for name, seconds, default in (("start", start, 0), ("end", end, LATEST_NS)):
-        if seconds is None:
+    bounds, given = [], []
+    for name, bound, default in (("start", start, 0), ("end", end, LATEST_NS)):
+        if bound is None:
             bounds.append(default)
-        elif math.isfinite(seconds):
-            bounds.append(min(max(round(seconds * 1e9), -1), LATEST_NS))
-        else:
-            raise InputError("not a time", where=name, expected="finite seconds", got=repr(seconds))
+            continue
+        given.append(seconds(bound, name))
+        if not math.isfinite(given[-1]):
+            raise InputError("not a time", where=name, expected="finite seconds", got=repr(bound))
+        bounds.append(min(max(round(given[-1] * 1e9), -1), LATEST_NS))
     low, high = bounds
-    if start is not None and end is not None and end < start:
+    if len(given) > 1 and given[1] < given[0]:
         raise InputError(
-            "the window ends before it starts", expected="start <= end", got=f"{start:g}, {end:g}"
+            "the window ends before it starts",
+            expected="start <= end",
+            got=f"{given[0]:g}, {given[1]:g}",
         )
     return max(low, 0), high

@@ -13,6 +13,8 @@ from functools import cache
 from importlib.resources import files
 from typing import NamedTuple
 
+from cosim.core.errors import InputError
+
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad", "bit")
 # the lookaheads read a number whole: "1e6" must not become 1 e^6, nor "51/s" become 5 1/s
 NUMBER = r"[-+]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3}(?!\d)|(?!\d|[eE][-+]?\d))"
@@ -123,6 +125,29 @@ def seconds_in(text: str) -> float:
     return quantity_in(text, TIME)
 
 
+Seconds = float | str
+"""A time: a number of seconds, or a text with a unit, as "50 ms"."""
+
+
+def seconds(value: Seconds, where: str) -> float:
+    """Return a time in seconds, given as a number of them or as a text with a unit.
+
+    Raises
+    ------
+    InputError : anything else, at `where`.
+    """
+    try:
+        return seconds_in(value) if isinstance(value, str) else float(value)
+    except (TypeError, ValueError) as error:
+        words = str(error) if isinstance(error, QuantityError) else None
+        raise InputError(
+            "not a time",
+            where=where,
+            expected='seconds, or a text with a unit, as "50 ms"',
+            got=words or repr(value),
+        ) from error
+
+
 def check_dimension(found: Quantity, wanted: Dimension) -> None:
     """Raise a QuantityError that names both dimensions if they differ."""
     if found.dimension != wanted:
@@ -182,7 +207,7 @@ def _table() -> tuple[dict[str, tuple[Decimal, Decimal, Dimension] | None], dict
     """Return the units by name, None for those that are refused, and the prefixes."""
     units: dict[str, tuple[Decimal, Decimal, Dimension] | None] = {}
     prefixes: dict[str, Decimal] = {}
-    for line in files("cosim.scenario").joinpath("units.txt").read_text("utf-8").splitlines():
+    for line in files("cosim.core").joinpath("units.txt").read_text("utf-8").splitlines():
         match line.split():
             case ["#", *_]:
                 pass
