@@ -14,12 +14,18 @@ from .hinf import (
     design as design,
 )
 from .models import link as link
-from .replay import scenario_of as scenario_of
+from .replay import (
+    inject as inject,
+    scenario_of as scenario_of,
+)
 from .scenario import (
+    RunResult as RunResult,
     Scenario as Scenario,
+    Session as Session,
     env as env,
     open_session as open_session,
     run as run,
+    run_async as run_async,
 )
 from .study import (
     run_study as run_study,

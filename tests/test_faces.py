@@ -20,7 +20,7 @@ ROOT = Path(cosim.__file__).parents[1]
 FRONT_DOOR = {
     *("run", "open_session", "Scenario", "design", "analyse", "check_certificate", "DelaySystem"),
     *("Delay", "link", "Result", "pack", "build_fmu", "Trace", "Traces", "run_study", "sweep"),
-    *("env", "Component", "scenario_of"),
+    *("env", "Component", "scenario_of", "inject", "run_async", "RunResult", "Session"),
     *("CosimError", "__version__"),
 }
 LOWER = {

@@ -85,6 +85,7 @@ from .part import (
     Text as Text,
 )
 from .pictures import (
+    drawing as drawing,
     pyplot as pyplot,
     save_picture as save_picture,
 )

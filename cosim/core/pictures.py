@@ -16,6 +16,11 @@ def pyplot() -> Any:
     return optional("matplotlib.pyplot", **needed)
 
 
+def drawing() -> Any:
+    """Import matplotlib's pyplot as its user has it; `InputError` if not installed."""
+    return optional("matplotlib.pyplot", extra="plot", what="plots need matplotlib")
+
+
 def save_picture(figure: Any, target: Path, dpi: int = 110) -> Path:
     """Write a figure to a file, and the folders it needs.
 

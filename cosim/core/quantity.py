@@ -18,9 +18,11 @@ from cosim.core.errors import InputError
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad", "bit")
 # the lookaheads read a number whole: "1e6" must not become 1 e^6, nor "51/s" become 5 1/s
 NUMBER = r"[-+]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3}(?!\d)|(?!\d|[eE][-+]?\d))"
+"""A number, as a regular expression."""
 _NAME = r"(?:[A-Za-zµμΩ°]+|%)"
 _FACTOR = rf"{_NAME}(?:(?:\^|\*\*)?-?\d)?"
 UNIT = rf"(?:1/)?{_FACTOR}(?:[*/.·]{_FACTOR})*"
+"""A unit, as a regular expression."""
 _QUANTITY = re.compile(rf"\s*({NUMBER})\s*({UNIT})\s*")
 _FACTORS = re.compile(rf"([*/.·]?)({_NAME})(?:(?:\^|\*\*)?(-?\d))?")
 _POWER = re.compile(r"([A-Za-z]+)(-?\d+(?:/\d+)?)?")
@@ -70,8 +72,11 @@ def dimension(**exponents: int) -> Dimension:
 
 
 NUMBER_ONLY = dimension()
+"""The dimension of a number without unit."""
 TIME = dimension(s=1)
+"""The dimension of a time."""
 ANGLE = dimension(rad=1)
+"""The dimension of an angle."""
 
 
 class Quantity(NamedTuple):

@@ -10,13 +10,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cosim.core import InputError, Progress, silent
-from cosim.fmu import FmuDescription
+from cosim.fmu import FmuDescription, describe_fmu
+from cosim.fmu.export import spec_of
 from cosim.master import (
     CommunicationSchedule,
     Component,
@@ -29,7 +31,7 @@ from cosim.replay.injection_request import InjectionRequest, provenance, start_v
 from cosim.replay.input_values import InputValues, Link, resampled_inputs
 from cosim.replay.mapping import Source, as_delivered, as_sent, mapped, role_of, unmapped_inputs
 from cosim.replay.trace_attachments import scenario_in
-from cosim.scenario import LoadedScenario, link_of, run_system
+from cosim.scenario import FmuCache, LoadedScenario, link_of, run_system
 from cosim.trace import Attachment, Diff, RunOutcome, Table, Trace, TraceWriter, diff
 from cosim.trace.rows import SCENARIO_ATTACHMENT, output_topic
 
@@ -73,19 +75,23 @@ class InjectionResult:
 
 
 def inject(
-    path: Path,
-    fmu: FmuDescription,
-    output: Path,
+    path: str | PathLike[str],
+    into: Any,
+    output: str | PathLike[str],
     request: InjectionRequest | None = None,
     *,
     progress: Progress | None = None,
 ) -> InjectionResult:
     """Feed recorded signals into an FMU and record its outputs.
 
+        inject("flight.mcap", other_design, "other.mcap")
+
     Parameters
     ----------
     path : the trace with the signals; ours, or any MCAP file with protobuf or JSON topics.
+    into : the path of an FMU, its description, or what `cosim.pack` takes: a design, a system.
     output : the new trace.
+    request : what is fed and compared; by default every input of the same name.
 
     Raises
     ------
@@ -93,7 +99,7 @@ def inject(
     ComponentError : the FMU cannot be loaded or initialised.
     """
     request = request or InjectionRequest()
-    trace = Trace(path)
+    output, fmu, trace = Path(output), _described(into), Trace(Path(path))
     scenario = scenario_in(trace, Path.cwd()) if SCENARIO_ATTACHMENT in trace.attachments else None
     if request.compare is not None and output_topic(request.compare) not in trace.topics:
         recorded = [t.split("/")[1] for t in trace.topics if t.endswith("/output")]
@@ -135,7 +141,7 @@ def inject(
     compared, identical = None, None
     if request.compare is not None:
         topic = output_topic(name)
-        compared = diff(path, output, request.tolerances, topics=[topic])
+        compared = diff(trace.path, output, request.tolerances, topics=[topic])
         identical = _same_bits(trace.read(topic), Trace(output).read(topic))
     received = [] if role is None else trace.topics[f"/{role}/input"].signals
     return InjectionResult(
@@ -166,6 +172,15 @@ def _same_bits(a: Table, b: Table) -> bool:
         and np.array_equal(a.log_time_ns, b.log_time_ns)
         and all(a[name].tobytes() == b[name].tobytes() for name in a.columns)
     )
+
+
+def _described(into: Any) -> FmuDescription:
+    """Return the description of an FMU; one that is packed is kept in the user's cache."""
+    if isinstance(into, FmuDescription):
+        return into
+    if isinstance(into, str | PathLike):
+        return describe_fmu(Path(into))
+    return FmuCache(Path("fmus"), Path.cwd()).made(spec_of(into, "injected"), "into")
 
 
 def _routed(

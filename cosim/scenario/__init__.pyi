@@ -1,3 +1,4 @@
+from .asynchronous_run import run_async as run_async
 from .binding import (
     BoundExpression as BoundExpression,
     formula as formula,
@@ -88,6 +89,7 @@ from .run_result import RunResult as RunResult
 from .run_series import RunSeries as RunSeries
 from .scenario_session import ScenarioSession as ScenarioSession
 from .schema import ScenarioPart as ScenarioPart
+from .session_in_python import Session as Session
 from .ssp.export import (
     SspExport as SspExport,
     export_ssp as export_ssp,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError
+from cosim.core import ComponentError, InputError
 from cosim.scenario.in_python import Scenario
 from cosim.scenario.python_api import open_session
 
@@ -63,7 +63,7 @@ class ScenarioEnvironment(gym.Env[Reals, Reals]):
             self._open()
         else:
             self._session.restore(self._start)
-        return self._observed(), {"t": self._session.time_s}
+        return self._observed(), {"t": self._session.time}
 
     def step(self, action: Reals) -> tuple[Reals, float, bool, bool, dict[str, Any]]:
         """Hold an action for a step; return observation, reward, and whether the run is over.
@@ -81,12 +81,14 @@ class ScenarioEnvironment(gym.Env[Reals, Reals]):
             )
         for name, value in zip(self._act, given.tolist(), strict=True):
             self._session[name] = value
-        self._session.go_on(most=self._points)
+        if not self._session.ended:
+            with suppress(ComponentError):  # its reason is in what is returned
+                self._session.step(self._points)
         status = self._session.status
         # a session that failed has no values any more: those before count
         observed = self._last if status == "failed" else self._observed()
         over = status not in ("running", "finished")
-        about = {"t": self._session.time_s, "status": status, "reason": self._session.reason}
+        about = {"t": self._session.time, "status": status, "reason": self._session.reason}
         reward = float(self._reward(observed, given))
         return observed, reward, over, self._session.ended and not over, about
 
@@ -100,15 +102,11 @@ class ScenarioEnvironment(gym.Env[Reals, Reals]):
         self._session = self._opened.enter_context(
             open_session(self._scenario, settings=settings, fmus=self._fmus, flavour=self._flavour)
         )
-        self._start = self._session.snapshot()
+        self._start = self._session.save()
 
     def _members(self, names: Sequence[str]) -> list[str]:
         """Return single signals, those of groups one by one."""
-        members = []
-        for name in names:
-            signals = self._session.named(name)
-            members += [f"{signals.component}.{one}" for one in signals.members]
-        return members
+        return [member for name in names for member in self._session.members(name)]
 
     def _observed(self) -> Reals:
         self._last = np.array([self._session[name] for name in self._observe], np.float64)

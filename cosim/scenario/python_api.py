@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from cosim.core import InputError, Progress, default_method, say_once
 from cosim.fmu.export import DEFAULT_FLAVOUR
@@ -12,12 +15,14 @@ from cosim.master import EngineName, Observer, Pace
 from cosim.scenario.execute import assembled_system, execute_recorded, execute_unrecorded
 from cosim.scenario.fmu_cache import FmuCache
 from cosim.scenario.in_python import Scenario
+from cosim.scenario.interrupt import InterruptedRun
 from cosim.scenario.preparation import PreparedScenario, prepare
 from cosim.scenario.read import load, of_scenario
 from cosim.scenario.row_observer import Row, RowObserver
 from cosim.scenario.run_result import RunResult
 from cosim.scenario.scenario_session import ScenarioSession
 from cosim.scenario.schema import ScenarioPart
+from cosim.scenario.session_in_python import Session
 from cosim.scenario.supervised_session import SupervisedSession
 from cosim.scenario.supervision import supervision_of
 from cosim.trace import RowsInMemory
@@ -26,11 +31,11 @@ FMUS = Path("fmus")
 
 
 def run(
-    scenario: str | Path | Scenario | ScenarioPart,
-    trace: Path | str | None = None,
+    scenario: str | PathLike[str] | Scenario | ScenarioPart,
+    trace: str | PathLike[str] | None = None,
     *,
     settings: Sequence[str] = (),
-    fmus: str | Path = FMUS,
+    fmus: str | PathLike[str] = FMUS,
     flavour: str = DEFAULT_FLAVOUR,
     engine: EngineName = "auto",
     pace: Pace | None = None,
@@ -58,6 +63,8 @@ def run(
     Raises
     ------
     InputError, ComponentError, NotAchievableError, LossError : see `prepare` and `execute_run`.
+    KeyboardInterrupt : after Ctrl-C; of a supervised run with the run so far as `outcome`. At a
+        prompt and in a notebook the run so far is returned.
     """
     if supervise and isinstance(scenario, Scenario):
         scenario.check_forks("a child process", "supervise", "supervise=False")
@@ -66,41 +73,38 @@ def run(
     rows = RowsInMemory(prepared.loaded.name) if keep and trace is None else None
     into = rows if trace is None else Path(trace)
     observers = () if on_row is None else (RowObserver(on_row),)
-    if into is None:
-        outcome = execute_unrecorded(
-            prepared,
-            progress=progress,
-            engine=engine,
-            pace=pace,
-            supervision=supervision,
-            keep=False,
-            observers=observers,
-        )[0]
-    else:
-        outcome = execute_recorded(
-            prepared,
-            into,
-            progress=progress,
-            engine=engine,
-            pace=pace,
-            supervision=supervision,
-            observers=observers,
-        )[0]
+    given: dict[str, Any] = {
+        "progress": progress,
+        "engine": engine,
+        "pace": pace,
+        "supervision": supervision,
+        "observers": observers,
+    }
+    try:
+        if into is None:
+            outcome = execute_unrecorded(prepared, keep=False, **given)[0]
+        else:
+            outcome = execute_recorded(prepared, into, **given)[0]
+    except InterruptedRun as interrupted:
+        interrupted.outcome = RunResult.of(interrupted.outcome, rows)
+        if hasattr(sys, "ps1"):  # a person is there to look at it
+            return interrupted.outcome
+        raise
     return RunResult.of(outcome, rows)
 
 
 @contextmanager
 def open_session(
-    scenario: str | Path | Scenario | ScenarioPart,
+    scenario: str | PathLike[str] | Scenario | ScenarioPart,
     *,
     settings: Sequence[str] = (),
-    fmus: str | Path = FMUS,
+    fmus: str | PathLike[str] = FMUS,
     flavour: str = DEFAULT_FLAVOUR,
     engine: EngineName = "auto",
     observers: Sequence[Observer] = (),
     supervise: bool | None = None,
     limits: Sequence[str] = (),
-) -> Iterator[ScenarioSession | SupervisedSession]:
+) -> Iterator[Session]:
     """Open a scenario as a session at its start, designed and initialised.
 
     Its events happen as in a run. Parameters as for `run`; `observers` receive its rows and log
@@ -130,15 +134,15 @@ def open_session(
         limit = supervision.limits.call
         session = ScenarioSession(system, events, observers, engine=engine, call_limit=limit)
     with session:
-        yield session
+        yield Session(session)
     if session.end_failure is not None:
         raise session.end_failure
 
 
 def _prepared(
-    scenario: str | Path | Scenario | ScenarioPart,
+    scenario: str | PathLike[str] | Scenario | ScenarioPart,
     settings: Sequence[str],
-    fmus: str | Path,
+    fmus: str | PathLike[str],
     flavour: str,
 ) -> PreparedScenario:
     if isinstance(scenario, ScenarioPart):

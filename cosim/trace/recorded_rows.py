@@ -18,6 +18,7 @@ from cosim.trace.tables import traffic
 from cosim.trace.tables.column import Align, Between, Joined
 from cosim.trace.tables.frames import Framed
 from cosim.trace.tables.join import joined
+from cosim.trace.tables.series_plot import draw_rows
 from cosim.trace.tables.table import Series, Table, group_of, series_of
 from cosim.trace.tables.topic_info import TopicInfo
 
@@ -198,6 +199,30 @@ class Recorded(Framed):
             needed[align] = None
         tables = self.read_all(list(needed), start=start, end=end)
         return {}, [joined(self.where, wanted, self.signals, tables, align, between)]
+
+    def plot(self, *names: str) -> Any:
+        """Draw signals and groups over time, each in axes of its own; return the axes.
+
+        names : as `[]` takes them; by default the outputs of every component.
+
+        Raises
+        ------
+        InputError : as `[]`; nothing to draw, or matplotlib is not installed.
+        """
+        outputs = [layout.component_of(topic) for topic in self.topics if topic.endswith("/output")]
+        chosen = names or tuple(name for name in outputs if name)
+        if not chosen:
+            raise InputError("nothing to draw", where=self.where, expected="names of signals")
+        return draw_rows([self._drawn(name) for name in chosen])
+
+    def _drawn(self, name: str) -> Series:
+        """Return the series of a name; of a component that of its outputs."""
+        output = layout.output_topic(name)
+        if output not in self.topics:
+            return self[name]
+        table = self.read(output)
+        numbers = [one for one in table.columns if table[one].dtype.kind != "O"]
+        return group_of(table, name, numbers)
 
     @property
     def link_names(self) -> list[str]:

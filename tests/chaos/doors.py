@@ -35,8 +35,8 @@ from cosim import CosimError, open_session
 try:
     with open_session("scenario.toml") as session:
         while not session.ended:
-            session.run_until(session.time_s + 50.0)
-            session.bias("s", "x", 0.001)
+            session.run(session.time + 50.0)
+            session.bias("s.x", 0.001)
     print("done")
 except KeyboardInterrupt:
     sys.exit(130)

@@ -24,10 +24,10 @@ from cosim.trace import TraceWriter
 
 LATER: dict[str, Callable[[Any], Any]] = {
     "step": lambda s: s.step(),
-    "run_until": lambda s: s.run_until(),
-    "read": lambda s: s.read("s", "x"),
-    "set": lambda s: s.set("s", "x0", 0.1),
-    "snapshot": lambda s: s.snapshot(),
+    "run_until": lambda s: s.run(),
+    "read": lambda s: s["s.x"],
+    "set": lambda s: s.__setitem__("s.x0", 0.1),
+    "snapshot": lambda s: s.save(),
 }
 """Calls that raise the failure of their session."""
 
@@ -43,7 +43,7 @@ def main(scenario: str, trace: str, points: int = 0) -> int:
             with open_session(scenario, observers=[TraceRecorder(writer, system)]) as session:
                 try:
                     while not session.ended:
-                        session.step(points) if points else session.run_until()
+                        session.step(points) if points else session.run()
                 except ComponentError as error:
                     raises_again(session, error)
                     raise

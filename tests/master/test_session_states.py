@@ -23,7 +23,7 @@ from cosim.master import (
     System,
     make_schedule,
 )
-from cosim.scenario import SupervisedSession
+from cosim.scenario import Session as Face, SupervisedSession
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "outcomes.md"
 FAULTS = {
@@ -48,22 +48,21 @@ def table() -> dict[str, dict[str, str]]:
 
 
 TABLE = table()
-CALLS: dict[str, Callable[[Any, Snapshot], Any]] = {
+CALLS: dict[str, Callable[[Face, Any], Any]] = {
     "step": lambda s, _: s.step(),
-    "run_until": lambda s, _: s.run_until(2.0),
-    "read": lambda s, _: s.read("s", "x"),
-    "value": lambda s, _: s.value("s", "x"),
+    "run": lambda s, _: s.run(2.0),
+    "session[name]": lambda s, _: s["s.x"],
     "link_state": lambda s, _: s.link_state("nothing"),
-    "set": lambda s, _: s.set("s", "x0", 0.1),
-    "override": lambda s, _: s.override("s", "x", 1.0),
-    "bias": lambda s, _: s.bias("s", "x", 1.0),
-    "release": lambda s, _: s.release("s", "x"),
-    "set_event_value": lambda s, _: s.set_event_value("p.loss", 0.5),
+    "session[name] = value": lambda s, _: s.__setitem__("s.x0", 0.1),
+    "bias": lambda s, _: s.bias("s.x", 1.0),
+    "release": lambda s, _: s.release("s.x"),
     "reset": lambda s, _: s.reset("s"),
-    "snapshot": lambda s, _: s.snapshot(),
+    "note": lambda s, _: s.note("info", "a note"),
+    "save": lambda s, _: s.save(),
     "restore": lambda s, kept: s.restore(kept),
     "result": lambda s, _: s.result(),
-    "time_s": lambda s, _: s.time_s,
+    "members": lambda s, _: s.members("s.x"),
+    "time": lambda s, _: s.time,
     "rows": lambda s, _: s.rows,
     "ended": lambda s, _: s.ended,
     "status": lambda s, _: s.status,
@@ -113,10 +112,10 @@ def in_state(
         yield session, kept
 
 
-def answer(call: str, session: Any, kept: Any) -> str:
+def answer(call: str, session: Session | SupervisedSession, kept: Any) -> str:
     """What a call does, in the words of the table."""
     try:
-        CALLS[call](session, kept)
+        CALLS[call](Face(session), kept)  # type: ignore[arg-type] # without the events of a scenario
     except InputError as error:
         inside = ("not open", "closed", "has ended")
         return "refused" if any(word in str(error) for word in inside) else "done"

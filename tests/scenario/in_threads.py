@@ -86,7 +86,7 @@ class Work:
         file, supervise = f"{number}.toml", self.supervise
         with cosim.open_session(file, fmus=self.fmus, supervise=supervise) as session:
             session.step(3)
-            session.run_until()
+            session.run()
             run = session.result()
         digest = hashlib.sha256(run.points_ns.tobytes())
         for instance in run.instances:

@@ -125,14 +125,14 @@ assert len(sweep(LINKED, {{"run.seed": [1, 2]}}, workers=2)) == 2
 supervised = run(LINKED)
 assert supervised.supervised == "fork", supervised.supervised
 with open_session(LINKED, supervise=False) as here:
-    here.run_until(1.0)
-    before = here.snapshot()
-    portable = here.snapshot(portable=True)
-    here.run_until(3.0)
+    here.run(1.0)
+    before = here.save()
+    portable = here.save(portable=True)
+    here.run(3.0)
     end = here["tank.h"]
     for one in (before, portable):
         here.restore(one)
-        here.run_until(3.0)
+        here.run(3.0)
         assert here["tank.h"] == end
 assert supervised["tank.h"].values[-1] == end == run(LINKED, supervise=False)["tank.h"].values[-1]
 print("alike")
@@ -203,7 +203,7 @@ def test_attributes_that_cannot_be_saved_are_named_when_they_are_missed() -> Non
 
     scenario = Scenario(step=0.1, until=1).add("tank", Open())
     with open_session(scenario, supervise=False) as session:
-        before = session.snapshot()
+        before = session.save()
         session.step()
         with pytest.raises(ComponentError, match="could not be saved"):
             session.restore(before)

@@ -229,7 +229,7 @@ def test_what_conditions_do_is_the_same_however_they_are_looked_at(
     one, other = (run_of(text, fmus, tmp_path, engine) for engine in ("kernel", "python"))
     # with a function to stop at, every row is looked at
     with open_session(tmp_path / "s.toml", fmus=fmus.parent, supervise=False) as session:
-        session.run_until(stop=lambda _: False)
+        session.run(stop=lambda _: False)
         looked_at = session.result()
     for each in (other, looked_at):
         assert each.count == one.count > 200

@@ -157,24 +157,24 @@ def test_restored_session_goes_on_in_its_mode(fmus: Path, tmp_path: Path) -> Non
     path = tmp_path / "s.toml"
     path.write_text(MISSION + PHASES)
     with open_session(path, fmus=fmus.parent) as session:
-        session.run_until(3.3)
-        before = session.snapshot(portable=True)
+        session.run(3.3)
+        before = session.save(portable=True)
         before.save(tmp_path / "s.npz")
-        session.run_until()
+        session.run()
         rows, modes = (
             session.result().signal("plant", "eta.x").copy(),
-            session.instances[0].comm_points.event_values.all(),
+            session.save(portable=True).events,
         )
         session.restore(before)
-        session.run_until()
+        session.run()
         assert np.array_equal(session.result().signal("plant", "eta.x"), rows)
-        found = session.instances[0].comm_points.event_values.all()
+        found = session.save(portable=True).events
         assert repr(found) == repr(modes)  # NaN is not equal to itself
     with open_session(path, fmus=fmus.parent) as other:
         other.restore(type(before).load(tmp_path / "s.npz"))
-        other.run_until()
+        other.run()
         assert np.array_equal(other.result().signal("plant", "eta.x"), rows)
-        assert repr(other.instances[0].comm_points.event_values.all()) == repr(modes)
+        assert repr(other.save(portable=True).events) == repr(modes)
         with pytest.raises(InputError, match="other events"):
             other.restore(replace(before, events={**before.events, "events": []}))
 

@@ -19,12 +19,15 @@ from cosim import (
     Result,
     Scenario,
     Trace,
+    analyse,
     design,
     env,
+    inject,
     link,
     open_session,
     pack,
     run,
+    run_async,
     scenario_of,
     sweep,
 )
@@ -94,11 +97,11 @@ def test_an_own_controller_by_hand(s: Scenario) -> None:
 
 def test_snapshots(s: Scenario) -> None:
     with open_session(s) as q:
-        before = q.snapshot()
-        q.run_until(2)
+        before = q.save()
+        q.run(2)
         x = q["plant.x"]
         q.restore(before)
-        q.run_until(2)
+        q.run(2)
         assert np.array_equal(q["plant.x"], x)
 
 
@@ -112,7 +115,7 @@ def test_gymnasium(s: Scenario) -> None:
 def test_many_runs_and_one_in_the_background(s: Scenario) -> None:
     grid = {"links.up.delay": [0.1, 0.2], "run.seed": range(1, 3)}
     assert len(sweep(s, grid)) == 4
-    assert asyncio.run(asyncio.to_thread(run, s)).status == "finished"
+    assert asyncio.run(run_async(s)).status == "finished"
 
 
 def test_frames(s: Scenario) -> None:
@@ -120,6 +123,7 @@ def test_frames(s: Scenario) -> None:
     assert r.to_pandas("plant.x", align=0.1).shape == (61, 2)
     assert r.to_xarray(["plant.x", "controller.u"])["plant.x[1]"].dims == ("time",)
     assert len(r.dropped("up")) > 0
+    assert len(r.plot("plant.x", "controller.u")) == 2
 
 
 def test_a_trace_is_the_same_on_disk(s: Scenario, tmp_path: Path) -> None:
@@ -134,6 +138,8 @@ def test_replay(s: Scenario, tmp_path: Path) -> None:
     r = run(s, tmp_path / "r.mcap")
     again = scenario_of(tmp_path / "r.mcap")
     assert run(again, tmp_path / "again.mcap").diff(r).identical
+    other = analyse(SYSTEM, [[-0.4, -0.4]])
+    assert inject(tmp_path / "r.mcap", other, tmp_path / "other.mcap").status == "finished"
     heavier = again.set("components.plant.parameters.B[2,1]", 0.5)
     assert not run(heavier, tmp_path / "heavier.mcap").diff(tmp_path / "r.mcap").equal
     with pytest.raises(CosimError, match="wrote no trace"):

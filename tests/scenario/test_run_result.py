@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import pickle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 from shared import fmu_store
 
-from cosim import run
+from cosim import run, run_async
 from cosim.core import InputError
 from cosim.scenario import RunResult
 from cosim.trace import RowsInMemory, Trace
@@ -54,6 +56,48 @@ def test_rows_in_memory_are_those_of_the_trace(name: str, supervise: bool, tmp_p
             same = np.array_equal(values, other[column], equal_nan=values.dtype.kind == "f")
             assert same, (topic, column)
     assert (mine.metrics, mine.links) == (file.metrics, file.links)
+
+
+def test_curves_are_those_of_the_rows(in_memory: RunResult) -> None:
+    """A signal in axes of its own, a group with a line for each; stepwise where values hold."""
+    pose, force = in_memory.plot("plant.eta", "controller")
+    assert [line.get_label() for line in pose.get_lines()] == [
+        f"eta.{a}" for a in ["x", "y", "z", "psi"]
+    ]
+    assert np.array_equal(pose.get_lines()[0].get_ydata(), in_memory["plant.eta.x"].values)
+    assert pose.get_lines()[0].get_drawstyle() == "default"
+    assert force.get_lines()[0].get_drawstyle() == "steps-post"
+    assert in_memory["plant.eta.psi"].plot().get_ylabel() == "eta.psi [rad]"
+    assert len(in_memory.plot()) == 3
+    with pytest.raises(InputError, match="no signal 'plont'"):
+        in_memory.plot("plont")
+
+
+@pytest.mark.parametrize("supervise", [True, False])
+def test_who_cancels_a_run_ends_it(supervise: bool, tmp_path: Path) -> None:  # noqa: FBT001
+    """In the background as in the foreground; what was recorded stays."""
+    options = {"settings": ["run.end=1e5"], "fmus": fmu_store("native"), "supervise": supervise}
+
+    async def begun_and_cancelled() -> None:
+        going = asyncio.Event()
+        loop = asyncio.get_running_loop()
+        flight = asyncio.ensure_future(
+            run_async(
+                LINKED,
+                tmp_path / "a.mcap",
+                progress=lambda *_: loop.call_soon_threadsafe(going.set),
+                **options,
+            )
+        )
+        await going.wait()
+        flight.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await flight
+
+    before = {one.pid for one in psutil.Process().children(recursive=True)}
+    asyncio.run(begun_and_cancelled())
+    assert {one.pid for one in psutil.Process().children(recursive=True)} <= before
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mcap.partial"]
 
 
 def test_signals_and_groups_are_read_by_their_names(in_memory: RunResult) -> None:

@@ -110,17 +110,16 @@ def test_two_threads_in_one_session_are_refused_by_name(tmp_path: Path) -> None:
 
     with ThreadPoolExecutor(1) as pool:
         with open_session(tmp_path / "s.toml", fmus=fmu_store(), supervise=False) as session:
-            first = pool.submit(session.run_until, stop=wait)
+            first = pool.submit(session.run, stop=wait)
             assert within.wait(60)
             for call in (
                 session.step,
-                session.run_until,
-                session.snapshot,
+                session.run,
+                session.save,
                 session.result,
-                lambda: session.value("plant", "eta.x"),
-                lambda: session.read("plant", "eta.x"),
-                lambda: session.set("plant", "disturbance.u", 1.0),
-                lambda: session.override("plant", "force.x", 1.0),
+                lambda: session["plant.eta.x"],
+                lambda: session.__setitem__("plant.disturbance.u", 1.0),
+                lambda: session.__setitem__("plant.force.x", 1.0),
                 lambda: session.reset("plant"),
             ):
                 with pytest.raises(InputError, match="another thread is in a call of this session"):

@@ -68,8 +68,8 @@ def test_events_happen_as_in_a_run(fmus: Path, tmp_path: Path, how: str) -> None
                 session.step()
         elif how == "to instants between":
             for seconds in (0.33, 0.55, 0.6, 1.0, 1.01, 1.6):
-                session.run_until(seconds)
-        session.run_until()
+                session.run(seconds)
+        session.run()
         found = session.result()
     expected = run_of(LOOP, fmus, tmp_path)
     assert (found.status, found.reason) == (expected.status, expected.reason)
@@ -79,18 +79,18 @@ def test_events_happen_as_in_a_run(fmus: Path, tmp_path: Path, how: str) -> None
 
 def test_events_at_the_time_of_the_session_have_happened(fmus: Path, tmp_path: Path) -> None:
     with opened(LOOP, fmus, tmp_path) as session:
-        session.run_until(0.55)
-        assert session.value("plant", "force.x") == 70.0
-        session.run_until(1.0)
-        assert session.read("plant", "disturbance.u") == 0.7
-        session.run_until(1.4)
-        assert session.read("plant", "disturbance.u") != 0.7
-        assert session.value("plant", "force.x") != 70.0
+        session.run(0.55)
+        assert session["plant.force.x"] == 70.0
+        session.run(1.0)
+        assert session["plant.disturbance.u"] == 0.7
+        session.run(1.4)
+        assert session["plant.disturbance.u"] != 0.7
+        assert session["plant.force.x"] != 70.0
 
 
 def test_an_event_ends_the_session(fmus: Path, tmp_path: Path) -> None:
     with opened(LOOP + STOPPING, fmus, tmp_path) as session:
-        session.run_until()
+        session.run()
         assert session.ended
         found = session.result()
     expected = run_of(LOOP + STOPPING, fmus, tmp_path)
@@ -106,19 +106,19 @@ def test_snapshots_contain_what_events_have_done(
     fmus: Path, tmp_path: Path, at: float, *, portable: bool
 ) -> None:
     with opened(LOOP, fmus, tmp_path) as session:
-        session.run_until(at)
-        before = session.snapshot(portable=portable)
-        session.run_until()
+        session.run(at)
+        before = session.save(portable=portable)
+        session.run()
         first = session.result()
         expected = rows(first)
         session.restore(before)
-        session.run_until()
+        session.run()
         assert rows(session.result()) == expected
     if portable:
         before.save(tmp_path / "s.npz")
         with opened(LOOP, fmus, tmp_path) as other:
             other.restore(Snapshot.load(tmp_path / "s.npz"))
-            other.run_until()
+            other.run()
             assert rows(other.result()) == expected
 
 
@@ -127,26 +127,26 @@ def test_who_goes_back_to_the_end_has_ended(supervise: bool, fmus: Path) -> None
     """Nothing is left to be done: no call runs for ever, and closing asks for no further point."""
     path = str(SCENARIOS / "valid" / "grid-events.toml")
     with open_session(path, fmus=fmus.parent, flavour=fmus.name, supervise=supervise) as session:
-        session.run_until()
-        end = session.snapshot()
+        session.run()
+        end = session.save()
         rows = session.rows
         session.restore(end)
         assert (session.status, session.rows) == ("finished", rows)
         with pytest.raises(InputError, match="the run has ended"):
             session.step(3)
-        session.run_until()
+        session.run()
         assert session.result().status == "finished"
 
 
 def test_a_snapshot_of_other_events_is_refused(fmus: Path, tmp_path: Path) -> None:
     with opened(LOOP, fmus, tmp_path) as session:
-        session.run_until(0.6)
-        saved = session.snapshot(portable=True)
-        session.run_until(0.9)
+        session.run(0.6)
+        saved = session.save(portable=True)
+        session.run(0.9)
     later = LOOP.replace("at = 1.0", "at = 1.1").replace("eta.x > 1.12", "eta.x > 1.13")
     with opened(later, fmus, tmp_path) as other:
         with pytest.raises(InputError, match=r"other events|another system"):
             other.restore(saved)
-        other.run_until()
+        other.run()
         result: Any = other.result()
     assert np.isfinite(result.signal("plant", "eta.x")).all()

@@ -140,15 +140,15 @@ def test_views_checks_engines_and_sessions_agree_on_the_time(fmus: Path, tmp_pat
         found = cosim(*command, cwd=tmp_path / "a")
         assert words in " ".join(found.out.split()), found.out + found.err
     with open_session(tmp_path / "a" / "s.toml", fmus=fmus.parent) as session:
-        assert session.time_s == 100.0
-        session.run_until(102.2)
-        assert session.time_s == 102.2
-        before = session.snapshot()
-        session.run_until()
-        x = session.value("plant", "eta.x")
+        assert session.time == 100.0
+        session.run(102.2)
+        assert session.time == 102.2
+        before = session.save()
+        session.run()
+        x = session["plant.eta.x"]
         session.restore(before)
-        session.run_until()
-        assert session.value("plant", "eta.x") == x
+        session.run()
+        assert session["plant.eta.x"] == x
 
 
 @pytest.mark.parametrize(

@@ -300,19 +300,22 @@ class DelayLTI(Blocks):
         InputError : a neutral system, no states, or late inputs or outputs: those are links.
         """
         first, *rest = terms_of(self)
-        late = [t.h for t in rest if t.B.any() or t.C.any() or t.D.any()]
-        if late or not self.order:
+        for term in rest:
+            if term.B.any() or term.C.any() or term.D.any():
+                raise InputError(
+                    "the plant of this system has a dead time at its inputs or outputs",
+                    where="plant",
+                    expected="states, and delays between them alone",
+                    got=f"{term.h:g} s",
+                    hint="pack the part without it, and let a link carry the signal: "
+                    f".link(NAME, kind='transport', delay={term.h:g})",
+                )
+        if not self.order:
             raise InputError(
-                "the plant of this system has a dead time at its inputs or outputs"
-                if late
-                else "a system without states is no plant",
+                "a system without states is no plant",
                 where="plant",
-                expected="states, and delays between them alone",
-                got=f"{late[0]:g} s" if late else repr(self)[1:-1],
-                hint="pack the part without it, and let a link carry the signal: "
-                f".link(NAME, kind='transport', delay={late[0]:g})"
-                if late
-                else "a gain is a matrix or `gain` of a connection",
+                got=repr(self)[1:-1],
+                hint="a gain is a matrix or `gain` of a connection",
             )
         delays = [Delay(t.h, t.A) for t in rest]
         return DelaySystem(first.A, first.B, None, first.C, None, first.D, delays=delays)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core import optional
+from cosim.core import drawing
 from cosim.hinf.delay_lti.roots import Roots
 
 _GRID = {"alpha": 0.3}
@@ -17,14 +17,8 @@ _SEEN = 0.1  # share of the greatest magnitude down to which the phase is shown
 _FARTHEST = 4.0  # of a Nyquist curve that is shown, where it goes to infinity
 
 
-def _pyplot() -> Any:
-    needed = {"extra": "plot", "what": "plots need matplotlib"}
-    optional("matplotlib", **needed)
-    return optional("matplotlib.pyplot", **needed)
-
-
 def _axes(ax: Any) -> Any:
-    return ax if ax is not None else _pyplot().subplots(layout="constrained")[1]
+    return ax if ax is not None else drawing().subplots(layout="constrained")[1]
 
 
 def draw_time(response: Any, ax: Any = None) -> Any:
@@ -56,7 +50,7 @@ def draw_time(response: Any, ax: Any = None) -> Any:
 def draw_bode(response: Any, ax: Any = None) -> Any:
     """Draw magnitude and phase of a `FrequencyResponse`; return both axes."""
     if ax is None:
-        ax = _pyplot().subplots(2, 1, sharex=True, layout="constrained")[1]
+        ax = drawing().subplots(2, 1, sharex=True, layout="constrained")[1]
     upper, lower = ax
     p, m, _ = response.response.shape
     phase = np.degrees(np.unwrap(np.angle(response.response), axis=-1))

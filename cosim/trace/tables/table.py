@@ -14,6 +14,7 @@ from cosim.trace.rows.hold import interpolated, rows_in_force, sample_and_hold
 from cosim.trace.rows.layout import Signal
 from cosim.trace.tables.column import Align, Between, Column, Joined
 from cosim.trace.tables.frames import Framed
+from cosim.trace.tables.series_plot import draw_series
 from cosim.trace.tables.time_base import time_base, window_ns
 
 Integers = NDArray[np.int64]
@@ -223,6 +224,18 @@ class Series:
         first, last = self.values[0], self.values[-1]
         times = f"{self.delivered[0]:g} to {self.delivered[-1]:g} s"
         return f"<Series {self.name}{unit}: {len(self)} values, {times}, {first} to {last}>"
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw it over time with matplotlib (the extra `plot`); return the axes.
+
+        Raises
+        ------
+        InputError : texts, or matplotlib is not installed.
+        """
+        labels = [self.name] if self.values.ndim == 1 else str(self.description).split(", ")
+        ylabel = f"{self.name} [{self.unit}]" if self.unit else self.name
+        stepwise = self.hold != "continuous"
+        return draw_series(self.delivered, self.values, labels, ylabel, stepwise=stepwise, ax=ax)
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> NDArray[Any]:
         """Return the values, so that NumPy's functions take the series itself."""

@@ -1,0 +1,54 @@
+"""Run scenarios beside other tasks of asyncio."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from contextlib import suppress
+from os import PathLike
+from typing import Any
+
+from cosim.core import Progress, StoppedError
+from cosim.scenario.in_python import Scenario
+from cosim.scenario.python_api import run
+from cosim.scenario.run_result import RunResult
+from cosim.scenario.schema import ScenarioPart
+
+
+async def run_async(
+    scenario: str | PathLike[str] | Scenario | ScenarioPart,
+    trace: str | PathLike[str] | None = None,
+    *,
+    progress: Progress | None = None,
+    **options: Any,
+) -> RunResult:
+    """Run a scenario in a thread, as `run`, so that others can go on; many at a time.
+
+        results = await asyncio.gather(*(run_async(s.set("run.seed", k)) for k in range(8)))
+
+    Who cancels it ends the run: its components are ended, and what its trace has by then stays.
+
+    options : as of `run`.
+
+    Raises
+    ------
+    As `run`, and asyncio.CancelledError.
+    """
+    cancelled = threading.Event()
+
+    def look(phase: str, share: float) -> None:
+        if cancelled.is_set():
+            raise StoppedError("the run was cancelled", where=phase, got=f"{share:.0%} done")
+        if progress is not None:
+            progress(phase, share)
+
+    flight = asyncio.ensure_future(
+        asyncio.to_thread(run, scenario, trace, progress=look, **options)
+    )
+    try:
+        return await asyncio.shield(flight)
+    except asyncio.CancelledError:
+        cancelled.set()
+        with suppress(StoppedError):
+            await flight
+        raise
