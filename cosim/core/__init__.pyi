@@ -30,6 +30,7 @@ from .file_kinds import (
     kind_by_keys as kind_by_keys,
 )
 from .files import (
+    AnyPath as AnyPath,
     cache_folder as cache_folder,
     copy_whole as copy_whole,
     not_written as not_written,

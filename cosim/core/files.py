@@ -8,6 +8,7 @@ import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from os import PathLike
 from pathlib import Path
 from typing import Final
 
@@ -16,6 +17,10 @@ from cosim.core.locks import locked_folder, remove_left
 from cosim.core.output_places import output_place
 
 _MOST_FILES = 10_000
+
+
+AnyPath = str | PathLike[str]
+"""A path: a text, or a path object."""
 
 
 def cache_folder() -> Path:

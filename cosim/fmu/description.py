@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from cosim.core import InputError, similar_files
+from cosim.core import AnyPath, InputError, similar_files
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.feedthrough import Feedthrough, declared_feedthrough
 from cosim.fmu.inspect.archive import BROKEN_ARCHIVE, CheckedArchive
@@ -192,7 +192,7 @@ class FmuDescription:
         return replace(self, ports=MappingProxyType(ports))
 
 
-def describe_fmu(path: Path) -> FmuDescription:
+def describe_fmu(path: AnyPath) -> FmuDescription:
     """Read and validate the model description of an FMU for co-simulation, FMI 2.0 or 3.0.
 
     Raises
@@ -200,6 +200,7 @@ def describe_fmu(path: Path) -> FmuDescription:
     InputError : no such file, not an FMU, an archive or model identifier that leaves its folder,
         a model description that breaks the standard, or an FMI version or type not supported here.
     """
+    path = Path(path)
     if not path.is_file():
         raise InputError("no such FMU", where=str(path), hint=_where_it_may_be(path))
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol, get_args
 
 from cosim.core import InputError
 from cosim.master.compiled import load_kernel
@@ -49,8 +49,11 @@ def choose_engine(
 
     Raises
     ------
-    InputError : the kernel is asked for, or several threads, but it cannot be compiled.
+    InputError : no such engine; the kernel or several threads are asked for, and it cannot be
+        compiled.
     """
+    if asked not in get_args(EngineName):
+        raise InputError.unknown("engine", str(asked), get_args(EngineName), where="engine")
     choice = _choice(asked, texts=texts, events=events)
     if threads > 1 and choice.name == "python":
         raise InputError(

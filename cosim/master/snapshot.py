@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from cosim.core import InputError, not_written, written_beside
+from cosim.core import AnyPath, InputError, not_written, written_beside
 from cosim.fmu import FmuState
 from cosim.master.adjustments import Adjustment
 from cosim.master.component_instance import Rows
@@ -127,18 +127,19 @@ class Snapshot:
         wiring.rows[: self.complete] = self.rows[: self.complete]
         wiring.whole_rows = self.complete
 
-    def save(self, path: Path) -> None:
+    def save(self, path: AnyPath) -> None:
         """Write a portable snapshot to a file (NumPy's .npz).
 
         Raises
         ------
         InputError : it is not portable, or the file cannot be written.
         """
+        target = Path(path)
         if not all(isinstance(state, bytes) for state in self.states.values()):
             raise InputError(
                 "this snapshot is bound to its session",
                 where=str(path),
-                hint="take it with session.snapshot(portable=True)",
+                hint="take it with session.save(portable=True)",
             )
         about = {
             "system": self.system,
@@ -155,14 +156,14 @@ class Snapshot:
             for i, state in enumerate(self.states.values())
         }
         with (
-            not_written("the snapshot", path),
-            written_beside(path) as partial,
+            not_written("the snapshot", target),
+            written_beside(target) as partial,
             partial.open("wb") as stream,
         ):
             np.savez(stream, about=np.array(json.dumps(about)), rows=self.rows, **states)
 
     @classmethod
-    def load(cls, path: Path) -> Snapshot:
+    def load(cls, path: AnyPath) -> Snapshot:
         """Read what `save` wrote.
 
         Raises

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -267,6 +267,18 @@ def link(d: Seconds, **ages: Any) -> Delay:
     return Delay(d, feedback=True, **{"any_age": True, **ages})
 
 
+def _delays(delays: Sequence[Any], n: int) -> list[Delay]:
+    """Return the delays of a system of n states."""
+    for i, delay in enumerate(delays, 1):
+        if not isinstance(delay, Delay):
+            raise InputError(
+                f"delay {i}: not a Delay",
+                expected=f"Delay({delay!r}, A), or link({delay!r}) of the control",
+                got=type(delay).__name__,
+            )
+    return [delay.of_states(n) for delay in delays]
+
+
 def _fed_back_at_once(
     feedback: Sequence[Any] | None, delays: Sequence[Delay], m: int, n: int
 ) -> tuple[bool, ...] | tuple[tuple[bool, ...], ...] | None:
@@ -378,7 +390,7 @@ class DelaySystem(Value):
             raise InputError(f"B: expected shape {(n, m)} beside D2, which weighs u; got no B")
         q = size("disturbances (columns of C, D1)", 1, "C", "D1")
         p = size("performance outputs (rows of D, D1, D2)", 0, "D", "D1", "D2")
-        delays = [delay.of_states(n) for delay in delays]
+        delays = _delays(delays, n)
         for i, delay in enumerate(delays, 1):
             if delay.A.shape != (n, n):
                 raise InputError(f"A of delay {i}: expected {(n, n)}, got {delay.A.shape}")
@@ -413,6 +425,10 @@ class DelaySystem(Value):
 
         [design(system.with_(delays=[link(age)])).gamma for age in (0.5, 1.0, 2.0)]
         """
+        known = [field.name for field in fields(self)]
+        for name in changes:
+            if name not in known:
+                raise InputError.unknown("parameter", name, known, where="with_")
         return replace(self, **changes)
 
     @classmethod

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cosim.core import CosimError, InputError, Progress
+from cosim.core import AnyPath, CosimError, InputError, Progress
 from cosim.fmu import own_folder
 from cosim.fmu.export import CATALOGUE, FMI_VERSION, ensure_fmu
 from cosim.hinf import Result
@@ -64,7 +64,11 @@ class Rerun:
 
 
 def rerun(
-    path: Path, fmu_cache: FmuCache, *, output: Path | None = None, progress: Progress | None = None
+    path: AnyPath,
+    fmu_cache: FmuCache | None = None,
+    *,
+    output: AnyPath | None = None,
+    progress: Progress | None = None,
 ) -> Rerun:
     """Repeat the run of a trace and compare.
 
@@ -72,13 +76,15 @@ def rerun(
     ----------
     path : a trace with its scenario attached; one that is cut short is compared with the
         beginning of the new run.
-    fmu_cache : where FMUs are found.
+    fmu_cache : where FMUs are found; by default the folder `fmus`, where missing ones are built.
     output : file of the new trace; None: keep none.
 
     Raises
     ------
     InputError : not a trace of ours, or an FMU that cannot be found.
     """
+    path, output = Path(path), None if output is None else Path(output)
+    fmu_cache = fmu_cache or FmuCache(Path("fmus"), Path.cwd())
     trace = Trace(path)
     before = content_hash(path)
     prepared = _prepared(trace, path, fmu_cache, progress)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.core import optional
+from cosim.core import AnyPath, optional
 from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.scenario.in_python import Scenario
 from cosim.scenario.python_api import FMUS
@@ -16,13 +15,13 @@ if TYPE_CHECKING:
 
 
 def env(
-    scenario: str | Path | Scenario,
+    scenario: AnyPath | Scenario,
     *,
     act: Sequence[str],
     observe: Sequence[str],
     reward: Callable[[Any, Any], float],
     points: int = 1,
-    fmus: str | Path = FMUS,
+    fmus: AnyPath = FMUS,
     flavour: str = DEFAULT_FLAVOUR,
 ) -> ScenarioEnvironment:
     """Open a scenario as an environment of gymnasium: reset, step, close.

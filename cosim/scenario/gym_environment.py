@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import ComponentError, InputError
+from cosim.core import AnyPath, ComponentError, InputError
 from cosim.scenario.in_python import Scenario
 from cosim.scenario.python_api import open_session
 
@@ -32,12 +31,12 @@ class ScenarioEnvironment(gym.Env[Reals, Reals]):
 
     def __init__(
         self,
-        scenario: str | Path | Scenario,
+        scenario: AnyPath | Scenario,
         act: Sequence[str],
         observe: Sequence[str],
         reward: Callable[[Reals, Reals], float],
         points: int,
-        fmus: str | Path,
+        fmus: AnyPath,
         flavour: str,
     ) -> None:
         self._scenario, self._fmus, self._flavour = scenario, fmus, flavour

@@ -239,7 +239,7 @@ class SupervisedSession(SessionBase):
             raise InputError(
                 "the snapshot is bound to another session",
                 where="Session.restore",
-                hint="take it with session.snapshot(portable=True)",
+                hint="take it with session.save(portable=True)",
             )
         self._run.rewind(snapshot.complete)
         if isinstance(kept, _Kept):

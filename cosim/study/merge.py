@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, copy_whole
+from cosim.core import AnyPath, InputError, copy_whole
 from cosim.study.batch import Row
 from cosim.study.execution import chosen_runs
 from cosim.study.folder import CHECKED, Folder, read_manifest, read_rows
@@ -52,7 +52,7 @@ class MergedStudy:
         return asdict(self) | {"folder": str(self.folder), "results": str(self.results)}
 
 
-def merge_studies(folders: Sequence[Path], out: Path) -> MergedStudy:
+def merge_studies(folders: Sequence[AnyPath], out: AnyPath) -> MergedStudy:
     """Merge folders of one study into one; write its table if all runs are there.
 
     Parameters
@@ -65,7 +65,10 @@ def merge_studies(folders: Sequence[Path], out: Path) -> MergedStudy:
         cannot be read.
     LossError : `out` cannot be written.
     """
-    parts = [path for path in dict.fromkeys(folders) if path.absolute() != out.absolute()]
+    out = Path(out)
+    parts = [
+        path for path in dict.fromkeys(map(Path, folders)) if path.absolute() != out.absolute()
+    ]
     if not parts:
         raise InputError("there is nothing to merge", where="study merge", expected="folders")
     manifests = {path: read_manifest(path) for path in parts}

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 
-from cosim.core import InputError, Progress
+from cosim.core import AnyPath, InputError, Progress
 from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.scenario import LoadedScenario, load
 from cosim.study.consistency import Place, changed_error, nowhere
@@ -24,13 +24,13 @@ FMUS = Path("fmus")
 
 
 def run_study(
-    study: Study | str,
-    out: Path,
+    study: Study | AnyPath,
+    out: AnyPath,
     *,
     scenario: LoadedScenario | None = None,
     workers: int | str = 1,
     scheduler: str | None = None,
-    fmus: str | Path = FMUS,
+    fmus: AnyPath = FMUS,
     flavour: str = DEFAULT_FLAVOUR,
     fresh: bool = False,
     limits: Sequence[str] = (),
@@ -62,15 +62,15 @@ def run_study(
     CosimError : the study cannot be run; runs that are done are kept, and the same call continues.
     """
     place: Place = nowhere
-    if isinstance(study, str):
-        found = load_study(study)
+    if not isinstance(study, Study):
+        found = load_study(str(study))
         study, base, place = found.study, found.base, found.place
     else:
         base = scenario or load(study.scenario)
     plan = plan_of(study, scenario or base, place, fmus=fmus, flavour=flavour)
     return execute_study(
         plan,
-        out,
+        Path(out),
         pool_for(workers, scheduler, wait_s),
         fresh=fresh,
         limits=limits,
@@ -85,7 +85,7 @@ def plan_of(
     base: LoadedScenario,
     place: Place = nowhere,
     *,
-    fmus: str | Path = FMUS,
+    fmus: AnyPath = FMUS,
     flavour: str = DEFAULT_FLAVOUR,
 ) -> Plan:
     """Check a study and its scenario; return the plan of its runs.

@@ -10,6 +10,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
 
 from cosim.core import (
+    AnyPath,
     InputError,
     LossError,
     Progress,
@@ -86,8 +87,8 @@ _PLAIN = (
 
 
 def recover(
-    source: Path,
-    output: Path | None = None,
+    source: AnyPath,
+    output: AnyPath | None = None,
     *,
     force: bool = False,
     strict: bool = False,
@@ -111,6 +112,7 @@ def recover(
         exists or is the source.
     LossError : the output cannot be written.
     """
+    source, output = Path(source), None if output is None else Path(output)
     report_progress = progress or silent
     report_progress("reading", 0.0)
     found = _look(source, "skip" if strict else "keep", report_progress)

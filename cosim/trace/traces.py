@@ -47,6 +47,14 @@ class Traces(Framed, Sequence[Trace]):
     """
 
     def __init__(self, *where: str | PathLike[str], incomplete: bool | None = None) -> None:
+        for one in where:
+            if not isinstance(one, str | PathLike):
+                raise InputError(
+                    "not a path",
+                    where="Traces",
+                    expected="paths, one after the other: Traces(*paths)",
+                    got=type(one).__name__,
+                )
         paths = sorted({path for one in where for path in _paths(fspath(one))})
         traces = [Trace(path, incomplete=incomplete) for path in paths]
         levels = _levels(traces)

@@ -14,6 +14,7 @@ import numpy as np
 from cosim import hinf, scenario
 from cosim.core import (
     PLANT_NOTE,
+    AnyPath,
     InputError,
     Progress,
     check_output_folder,
@@ -94,8 +95,8 @@ class Flight:
 
 
 def fly(  # noqa: PLR0915 - one step after the other
-    vehicle: Vehicle | str | Path,
-    folder: Path | str,
+    vehicle: Vehicle | AnyPath,
+    folder: AnyPath,
     settings: FlightSettings | None = None,
     *,
     fmu_cache: scenario.FmuCache | None = None,

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from cosim.core import VEHICLE_FILE, InputError, unreadable, validated
+from cosim.core import VEHICLE_FILE, AnyPath, InputError, unreadable, validated
 from cosim.vehicle.check import Faults, motion_names
 from cosim.vehicle.computable import computable
 from cosim.vehicle.defaults import with_defaults
@@ -40,7 +40,7 @@ def vehicle_text(name: str) -> str:
     return (_GALLERY / f"{name}.toml").read_text("utf-8")
 
 
-def load_vehicle(name_or_path: str | Path) -> Vehicle:
+def load_vehicle(name_or_path: AnyPath) -> Vehicle:
     """Return a vehicle of the gallery by name, or the one in a `.toml` file.
 
     Raises

@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 from shared import fmu_store
 
-from cosim import Result, Scenario, analyse, run
+from cosim import (
+    CosimError,
+    Delay,
+    DelaySystem,
+    Result,
+    Scenario,
+    Traces,
+    analyse,
+    pack,
+    run,
+)
 from cosim.core import InputError
 from cosim.hinf import system_by_name
 from cosim.hinf.delay_lti import dead_time, feedback, lti
@@ -140,3 +150,25 @@ def test_a_loop_with_delays_flies_as_its_response_says() -> None:
         Scenario(step=0.1, until=1).add("plant", late * dead_time(0.5))
     with pytest.raises(InputError, match="without states"):
         Scenario(step=0.1, until=1).add("plant", lti(2.0))
+
+
+@pytest.mark.parametrize(
+    ("ask", "words"),
+    [
+        (lambda: run("paper-example", engine="fast"), "no engine 'fast'"),  # type: ignore[arg-type]
+        (lambda: DelaySystem([[-1.0]], [[1.0]], delays=[0.5]), "delay 1: not a Delay"),  # type: ignore[list-item]
+        (lambda: SYSTEM.with_(delay=[]), "did you mean delays"),
+        (lambda: Traces(["a.mcap"]), r"Traces\(\*paths\)"),  # type: ignore[arg-type]
+        (lambda: Delay("fast"), 'as "50 ms"'),
+        (lambda: Delay(-1.0), "seconds >= 0"),
+        (lambda: Result.from_json({"a": 1}), "'claim' is missing"),
+        (lambda: Scenario(step=0.1, until=1, sed=3), "did you mean seed"),
+        (lambda: pack(object(), "x.fmu"), "a system, a design"),
+        (lambda: analyse(SYSTEM, "k"), "1 row of 2 finite numbers"),  # type: ignore[arg-type]
+    ],
+)
+def test_a_mistake_is_an_error_of_this_package(ask: Any, words: str) -> None:
+    """Which is a ValueError too, and says what would be right."""
+    with pytest.raises(CosimError, match=words) as caught:
+        ask()
+    assert isinstance(caught.value, ValueError)

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cosim.core import InputError, cache_folder, copy_whole
+from cosim.core import AnyPath, InputError, cache_folder, copy_whole
 from cosim.fmu.compiled.prebuilt import prebuilt_file, source_digest
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.flavours import DEFAULT_FLAVOUR, FMI_VERSION
@@ -76,7 +76,7 @@ def ensure_made(spec: ComponentSpec, root: Path, flavour: str = DEFAULT_FLAVOUR)
 
 def build_fmu(
     component: str | ComponentSpec,
-    folder: Path | str = "fmus",
+    folder: AnyPath = "fmus",
     flavour: str = DEFAULT_FLAVOUR,
     platforms: Sequence[Platform] = (),
     *,

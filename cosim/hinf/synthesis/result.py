@@ -251,7 +251,7 @@ class Result(delay_lti.HasFigures, Value):
         return cls.from_json(read_certificate(Path(path)), where=str(path))
 
     @classmethod
-    def from_json(cls, data: Any, *, where: str) -> Self:
+    def from_json(cls, data: Any, *, where: str = "design") -> Self:
         """Read a design from its JSON, and check its proof again.
 
         Raises

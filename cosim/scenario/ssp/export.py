@@ -9,7 +9,7 @@ from typing import Literal
 
 import tomli_w
 
-from cosim.core import InputError, not_written
+from cosim.core import AnyPath, InputError, not_written
 from cosim.fmu.export import deterministic_zip
 from cosim.master import Component, System
 from cosim.scenario.assembly import assemble
@@ -75,7 +75,7 @@ class SspExport:
 
 def export_ssp(
     prepared: PreparedScenario,
-    path: Path,
+    path: AnyPath,
     links: Links = "annotate",
     version: SspVersion = "1.0",
 ) -> SspExport:
@@ -92,7 +92,7 @@ def export_ssp(
     InputError : something that SSP cannot express, a file that cannot be written, or a link FMU
         without a compiler.
     """
-    scenario = prepared.loaded.scenario
+    path, scenario = Path(path), prepared.loaded.scenario
     if links == "fmu":  # other tools step on a grid: export its points
         run = scenario.run.model_copy(update={"events": "grid"})
         scenario = scenario.model_copy(update={"run": run})

@@ -12,7 +12,7 @@ from typing import Any
 
 import tomli_w
 
-from cosim.core import SCENARIO_FILE, InputError, write_whole
+from cosim.core import SCENARIO_FILE, AnyPath, InputError, write_whole
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.master import receiving_order
 from cosim.scenario.assembly import assemble
@@ -71,7 +71,7 @@ class SspImport:
 
 
 def import_ssp(
-    ssp: Path, path: Path, *, step: float | None = None, end: float | None = None
+    ssp: AnyPath, path: AnyPath, *, step: float | None = None, end: float | None = None
 ) -> SspImport:
     """Write a scenario, and the FMUs of the archive into a folder beside it.
 
@@ -85,6 +85,7 @@ def import_ssp(
     InputError : not a valid archive, essential parts that are not supported, or a file that
         cannot be written.
     """
+    ssp, path = Path(ssp), Path(path)
     with Archive(ssp) as archive, _beside(path) as unpacked:
         description = read_description(archive)
         flat = _without(flatten(archive, description.system), description.players)

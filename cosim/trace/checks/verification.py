@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from cosim.core import AnyPath
 from cosim.trace.checks.of_file import FileChecks
 from cosim.trace.checks.of_run import checks_of_run
 from cosim.trace.checks.results import CheckResult, Verdict
@@ -46,7 +47,7 @@ class Verification:
         }
 
 
-def verify(path: Path, fmus: str | Path | None = None) -> Verification:
+def verify(path: AnyPath, fmus: AnyPath | None = None) -> Verification:
     """Check the structure of a file, and the content of a run's trace for consistency.
 
     Parameters
@@ -57,6 +58,7 @@ def verify(path: Path, fmus: str | Path | None = None) -> Verification:
     ------
     InputError : the file cannot be read, or is no MCAP file; there is no such folder.
     """
+    path = Path(path)
     walk = Walk(path, "skip")
     found = FileChecks(walk)
     for record in walk:

@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 
-from cosim.core import InputError, Progress, Seconds, not_written, silent, written_beside
+from cosim.core import AnyPath, InputError, Progress, Seconds, not_written, silent, written_beside
 from cosim.trace.content import content_hash_of
 from cosim.trace.exports.files import CsvFile, ParquetFile, Sheet
 from cosim.trace.exports.mat_file import MatFile, bytes_of, check_size
@@ -53,8 +53,8 @@ class WrittenTable:
 
 
 def export(
-    path: Path,
-    target: Path | None,
+    path: AnyPath,
+    target: AnyPath | None,
     to: Format,
     *,
     topics: Sequence[str] | None = None,
@@ -87,7 +87,7 @@ def export(
     trace = Trace(path)
     chosen = _chosen(trace, topics, signals)
     arrow = pyarrow("Parquet needs pyarrow", otherwise="--to csv") if to == "parquet" else None
-    jobs = _places(trace, target, to, chosen, wide=wide)
+    jobs = _places(trace, None if target is None else Path(target), to, chosen, wide=wide)
     content_hash = "" if to == "csv" else content_hash_of(trace)
     window = window_ns(start, end)
 
