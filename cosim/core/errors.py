@@ -17,6 +17,13 @@ from cosim.core.notices import printable
 class CosimError(Exception):
     """Base of every error raised on purpose.
 
+        >>> from cosim import CosimError, run
+        >>> try:
+        ...     run("paper-exampel")
+        ... except CosimError as error:
+        ...     print(error.what, "/", error.hint)
+        there is no scenario 'paper-exampel' / did you mean paper-example?
+
     Parameters
     ----------
     what : what is wrong, in one sentence.
@@ -56,7 +63,18 @@ class CosimError(Exception):
 
 
 class InputError(CosimError, ValueError):
-    """Bad input or usage: a file, a key, a value, a shape, a name."""
+    """Bad input or usage: a file, a key, a value, a shape, a name.
+
+        >>> from cosim import link
+        >>> from cosim.core import InputError
+        >>> try:
+        ...     link("800 m")
+        ... except InputError as error:
+        ...     print(error)
+        delay d: not a time
+          expected: seconds, or a text with a unit, as "50 ms"
+          got: a value in s; '800 m' is in m
+    """
 
     exit_code = 2
 
@@ -140,13 +158,43 @@ class ContradictionError(CosimError):
 
 
 class LossError(CosimError):
-    """The command succeeded, but recorded data is missing (an incomplete or damaged trace)."""
+    """The command succeeded, but recorded data is missing (an incomplete or damaged trace).
+
+        >>> from pathlib import Path
+        >>> from cosim import DelaySystem, Scenario, Trace, run
+        >>> from cosim.core import LossError
+        >>> system = DelaySystem(A=[[-0.5]], B=[[1]])
+        >>> tank = Scenario(step=0.1, until=2).add("tank", system, initial=[1.0])
+        >>> whole = run(tank, "tank.mcap").trace.read_bytes()
+        >>> size = Path("cut.mcap").write_bytes(whole[:-1000])
+        >>> try:
+        ...     Trace("cut.mcap")
+        ... except LossError as error:
+        ...     print(error.what)
+        the trace is cut short or damaged
+        >>> Trace("cut.mcap", incomplete=True).complete
+        False
+    """
 
     exit_code = 3
 
 
 class ComponentError(CosimError):
     """A component (an FMU) failed to load, initialise or step.
+
+        >>> from cosim import Component, Scenario, open_session
+        >>> from cosim.core import ComponentError
+        >>> class Sensor(Component):
+        ...     outputs = {"y": 1}
+        ...     def step(self, t, dt, u):
+        ...         return {"y": 1 / 0}
+        >>> scenario = Scenario(step=0.1, until=1).add("sensor", Sensor)
+        >>> with open_session(scenario, supervise=False) as session:
+        ...     try:
+        ...         session.step()
+        ...     except ComponentError as error:
+        ...         print(error.component, error.call, "division by zero" in error.detail)
+        sensor fmi2DoStep True
 
     `kind`, `component`, `call`, `detail` : as in the cause of a run; None where they are not known.
     `kind` is how the process of an isolated component ended, None for a component that answered;
@@ -171,6 +219,15 @@ class ComponentError(CosimError):
 
 class NotAchievableError(CosimError):
     """A design is infeasible, or could not be certified.
+
+        >>> from cosim import check_certificate, design
+        >>> from cosim.core import NotAchievableError
+        >>> from cosim.hinf import system_by_name
+        >>> try:
+        ...     design(system_by_name("paper").system, gamma=4.0)
+        ... except NotAchievableError as error:
+        ...     print(error.expected, check_certificate(error.certificate).valid)
+        gamma > 5 True
 
     `certificate` : the exact proof of infeasibility, for `check_certificate`, if there is one.
     """

@@ -44,18 +44,18 @@ _LONGEST = 500
 class Component:
     """A component in Python: its inputs and outputs, how it starts, and what a step does.
 
-        class Tank(Component):
-            inputs, outputs = {"q": 1}, {"h": 1}
-
-            def start(self, t):
-                self.h = 1.0
-                return {"h": [self.h]}
-
-            def step(self, t, dt, u):
-                self.h += dt * (u["q"][0] - 0.5 * self.h**0.5)
-                return {"h": [self.h]}
-
-        Scenario(step=0.01, until=60).add("tank", Tank())
+        >>> from cosim import Component, Scenario, run
+        >>> class Tank(Component):
+        ...     inputs, outputs = {"q": 1}, {"h": 1}
+        ...     def start(self, t):
+        ...         self.h = 1.0
+        ...         return {"h": self.h}
+        ...     def step(self, t, dt, u):
+        ...         self.h += dt * (u["q"][0] - 0.1 * self.h)
+        ...         return {"h": self.h}
+        >>> result = run(Scenario(step=0.1, until=5).add("tank", Tank()), supervise=False)
+        >>> bool(0.5 < result["tank.h"].values[-1] < 0.7)
+        True
 
     In a scenario its variables are `tank.q` and `tank.h`, of several values `tank.x[1]`, ... Each
     run has a copy of the object; what it keeps between steps are its attributes, which a snapshot

@@ -126,6 +126,13 @@ def _block_sizes(value: Any, s: int, r: int) -> tuple[tuple[int, int], ...] | No
 class Delay(Value):
     """One delayed term (A_i + dA_i) x(t-d_i) of a `DelaySystem`.
 
+        >>> from cosim import Delay, link
+        >>> damping = Delay("500 ms", [[0, 0], [0, -0.1]], any_age=True)
+        >>> damping.d, damping.feedback
+        (0.5, False)
+        >>> Delay(0.8, feedback=True, any_age=True) == link(0.8)
+        True
+
     Parameters
     ----------
     d : the delay [s], or a text with a unit; finite and not negative.
@@ -260,7 +267,12 @@ def _states_of(H: ArrayLike | None, feedback: Any) -> int:
 def link(d: Seconds, **ages: Any) -> Delay:
     """Return the delay of a link: the control acts through it, at any age up to d [s].
 
-        DelaySystem(A, B, C=C, D=D, D2=D2, delays=[link(2.0)])
+        >>> from cosim import DelaySystem, link
+        >>> up = link("800 ms")
+        >>> up.d, up.feedback, up.any_age
+        (0.8, True, True)
+        >>> DelaySystem(A=[[0]], B=[[1]], delays=[link(2.0, any_age=False)])
+        <DelaySystem: 1 state, 1 control, delay 2 s, feedback>
 
     ages : as of `Delay`: `least_age`, `rate`, `sampled`; `any_age=False` for a constant delay.
     """
@@ -312,6 +324,14 @@ def _fed_back_at_once(
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class DelaySystem(Value):
     """Eq. (7) with several delays; matrices are read-only float arrays.
+
+        >>> from cosim import DelaySystem, link
+        >>> masses = DelaySystem(
+        ...     A=[[0, 1], [-1, -0.5]], B=[[0], [1]], C=[[0], [1]], D=[[1, 0], [0, 0]],
+        ...     D2=[[0], [1]], delays=[link(0.6)], name="two masses",
+        ... )
+        >>> masses.A.shape, masses.delays[0].d, masses.with_(delays=[link("1 s")]).delays[0].d
+        ((2, 2), 0.6, 1.0)
 
     An absent matrix is zero if its dimension is known from another one, otherwise that
     dimension is 0. Without a disturbance (no C, no D1) or without a performance output (no D, no

@@ -47,6 +47,13 @@ _KEYS: dict[str, tuple[str, ...]] = {
 class Jitter:
     """Extra delay of each message, on top of the link's delay; independent, never negative.
 
+        >>> from cosim.network import Jitter, PacketLink, deliver
+        >>> jitter = Jitter("exponential", mean_ns=20 * 10**6, max_ns=10**8)
+        >>> up = PacketLink("up", sample_time_ns=10**8, delay_ns=2 * 10**8, jitter=jitter)
+        >>> counts = deliver(up, end_ns=10**10).statistics(10**10)
+        >>> 0.2 < counts["mean_delay_s"] < counts["max_delay_s"] <= 0.3
+        True
+
     So no message arrives before sent + delay. Fractions of a nanosecond are rounded (uniform:
     cut off).
 
@@ -93,6 +100,13 @@ class Jitter:
 class GilbertElliott:
     """Bursty loss: a two-state Markov chain, one transition per message, starting good.
 
+        >>> from cosim.network import GilbertElliott, PacketLink, deliver
+        >>> bursts = GilbertElliott(p_enter=0.02, p_exit=0.2)  # of 5 messages on average
+        >>> up = PacketLink("up", sample_time_ns=10**8, loss=bursts, seed=1)
+        >>> counts = deliver(up, end_ns=10**11).statistics(10**11)
+        >>> counts["sent"], 0 < counts["lost"] < 200
+        (1001, True)
+
     Parameters
     ----------
     p_enter, p_exit : probability of going from good to bad, from bad to good, before a message
@@ -129,6 +143,16 @@ _ADDS_TO_ONE = 1e-9
 @dataclass(frozen=True, slots=True)
 class LossChain:
     """Loss in a chain of k hidden states: one transition per message, starting in the first.
+
+        >>> from cosim.network import LossChain, PacketLink, deliver
+        >>> chain = LossChain(
+        ...     transitions=((0.95, 0.04, 0.01), (0.5, 0.5, 0.0), (0.1, 0.0, 0.9)),
+        ...     loss=(0.0, 0.5, 1.0),  # clear, fading, out
+        ... )
+        >>> up = PacketLink("up", sample_time_ns=10**8, loss=chain)
+        >>> counts = deliver(up, end_ns=10**11).statistics(10**11)
+        >>> counts["sent"], 0 < counts["lost"] < 400
+        (1001, True)
 
     Parameters
     ----------

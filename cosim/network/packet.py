@@ -41,6 +41,15 @@ OnLoss = Literal["hold", "zero"]
 class PacketLink:
     """A link that transmits sampled messages.
 
+        >>> from cosim.network import PacketLink, deliver
+        >>> up = PacketLink("up", sample_time_ns=10**8, delay_ns=3 * 10**8, loss=0.1, seed=1)
+        >>> sent = deliver(up, end_ns=10**10)
+        >>> sent.sent_in_use([0, 10**9]).tolist()  # of the message in use [ns]; -1: none yet
+        [-1, 700000000]
+        >>> counts = sent.statistics(10**10)
+        >>> counts["sent"], counts["in_flight"], counts["delivered"] + counts["lost"]
+        (101, 3, 98)
+
     Parameters
     ----------
     name : name of the link; its random streams depend on it.

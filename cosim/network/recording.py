@@ -28,6 +28,14 @@ IN_FLIGHT_NS = -1
 class Recording:
     """What became of the messages of a link, one row each in order of sending.
 
+        >>> from cosim.network import PacketLink, Recording, deliver
+        >>> sent, delays = [0, 10**9, 2 * 10**9], [10**8, 10**8, 3 * 10**8]
+        >>> recorded = Recording(sent_ns=sent, lost=[False, True, False], delay_ns=delays)
+        >>> up = PacketLink("up", sample_time_ns=10**9, recording=recorded)
+        >>> counts = deliver(up, end_ns=2 * 10**9).statistics(2 * 10**9)
+        >>> counts["delivered"], counts["lost"], counts["in_flight"]
+        (1, 1, 1)
+
     Parameters
     ----------
     sent_ns : instant of sending, from that of the first row on [ns], int64 (n,), never

@@ -84,7 +84,13 @@ def inject(
 ) -> InjectionResult:
     """Feed recorded signals into an FMU and record its outputs.
 
-        inject("flight.mcap", other_design, "other.mcap")
+        >>> from cosim import DelaySystem, Scenario, inject, run
+        >>> tank = DelaySystem(A=[[-0.5]], B=[[1]])
+        >>> two = Scenario(step=0.1, until=2).add("upper", tank, initial=[1.0]).add("lower", tank)
+        >>> flight = run(two.connect("upper.x", "lower.u"), "flight.mcap")
+        >>> fed = inject("flight.mcap", tank.with_(A=[[-0.7]]), "other.mcap")
+        >>> fed.status, fed.role, list(fed.sources), fed.points
+        ('finished', 'lower', ['u[1]'], 21)
 
     Parameters
     ----------

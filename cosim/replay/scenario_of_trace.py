@@ -15,8 +15,15 @@ from cosim.trace.rows import DESIGN_ATTACHMENT
 def scenario_of(trace: str | PathLike[str]) -> Scenario:
     """Return the scenario of a trace, with the design that it flew.
 
-        heavier = scenario_of("r.mcap").set("components.plant.parameters.mass", 260)
-        run(heavier, "heavier.mcap").diff("r.mcap")
+        >>> from cosim import DelaySystem, Scenario, run, scenario_of
+        >>> system = DelaySystem(A=[[-0.5]], B=[[1]])
+        >>> tank = Scenario(step=0.1, until=2).add("tank", system, initial=[1.0])
+        >>> first = run(tank, "first.mcap")
+        >>> faster = scenario_of("first.mcap").set("components.tank.parameters.A[1,1]", -0.7)
+        >>> run(faster, "faster.mcap").diff(first).equal
+        False
+        >>> run(scenario_of("first.mcap"), "again.mcap").diff(first).identical
+        True
 
     FMUs are those of the scenario's references, which may have changed since: `rerun` repeats a run
     with the FMUs of their hashes, and compares.

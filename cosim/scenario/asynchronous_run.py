@@ -24,7 +24,14 @@ async def run_async(
 ) -> RunResult:
     """Run a scenario in a thread, as `run`, so that others can go on; many at a time.
 
-        results = await asyncio.gather(*(run_async(s.set("run.seed", k)) for k in range(8)))
+        >>> import asyncio
+        >>> from cosim import DelaySystem, Scenario, run_async
+        >>> system = DelaySystem(A=[[-0.5]], B=[[1]])
+        >>> tank = Scenario(step=0.1, until=2).add("tank", system, initial=[1.0])
+        >>> async def several():
+        ...     return await asyncio.gather(*(run_async(tank.set("run.seed", k)) for k in (1, 2)))
+        >>> [result.status for result in asyncio.run(several())]
+        ['finished', 'finished']
 
     Who cancels it ends the run: its components are ended, and what its trace has by then stays.
 

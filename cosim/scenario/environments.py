@@ -26,7 +26,15 @@ def env(
 ) -> ScenarioEnvironment:
     """Open a scenario as an environment of gymnasium: reset, step, close.
 
-        e = env(s, act=["plant.u"], observe=["plant.x"], reward=lambda x, u: -float(x @ x))
+        >>> from cosim import DelaySystem, Scenario, env
+        >>> system = DelaySystem(A=[[-0.5]], B=[[1]])
+        >>> tank = Scenario(step=0.1, until=2).add("tank", system, initial=[1.0])
+        >>> e = env(tank, act=["tank.u"], observe=["tank.x"], reward=lambda x, u: -float(x @ x))
+        >>> x, about = e.reset(seed=1)
+        >>> x, reward, terminated, truncated, about = e.step([-0.5 * x[0]])
+        >>> x.shape, -1 < reward < 0, terminated, truncated, about["t"]
+        ((1,), True, False, False, 0.1)
+        >>> e.close()
 
     Several side by side: `gymnasium.vector.SyncVectorEnv([lambda: env(...)] * 4)`.
 

@@ -46,16 +46,19 @@ _OF_COMPONENT = tuple(name for name in ComponentPart.model_fields if name != "fm
 class Scenario:
     """A run as data: what flies, over which links, what happens, and what must hold.
 
-        s = (
-            Scenario(step=0.01, until=60)
-            .add("plant", design.system, initial=[1.0, 0.0])
-            .add("controller", design)
-            .link("up", sample_time=0.1, delay=0.2, loss=0.1)
-            .connect("plant.x", "controller.x", over="up")
-            .connect("controller.u", "plant.u")
-            .at(20, lasts=3, outage=["up"])
-        )
-        result = cosim.run(s)
+        >>> from cosim import DelaySystem, Scenario, analyse, run
+        >>> system = DelaySystem(A=[[0.1]], B=[[1]], C=[[1]], D=[[1]])
+        >>> scenario = (
+        ...     Scenario(step=0.05, until=5)
+        ...     .add("plant", system, initial=[1.0])
+        ...     .add("controller", analyse(system, [[-1.0]]))
+        ...     .link("up", sample_time=0.1, delay=0.2, loss=0.1)
+        ...     .connect("plant.x", "controller.x", over="up")
+        ...     .connect("controller.u", "plant.u")
+        ...     .at(2, lasts=1, outage=["up"])
+        ... )
+        >>> scenario, run(scenario.set("links.up.loss", 0.2)).status
+        (<Scenario scenario: plant, controller; up>, 'finished')
 
     It cannot be changed: every method returns another scenario. Keys, units and defaults are those
     of the TOML (Reference, Scenarios); `until` is `run.end`.

@@ -47,6 +47,14 @@ def run(
 ) -> RunResult:
     """Run a scenario, as `cosim run` does; return its outcome with its rows.
 
+        >>> from cosim import run
+        >>> result = run("paper-example", settings=["run.end=1"])
+        >>> result.status, result["plant.x"].values.shape
+        ('finished', (101, 2))
+        >>> recorded = run("paper-example", "short.mcap", settings=["run.end='500 ms'"])
+        >>> recorded.simulated_s, recorded.trace.name
+        (0.5, 'short.mcap')
+
     Parameters
     ----------
     scenario : a built-in name, a file, or one that was built in Python.
@@ -106,6 +114,16 @@ def open_session(
     limits: Sequence[str] = (),
 ) -> Iterator[Session]:
     """Open a scenario as a session at its start, designed and initialised.
+
+        >>> from cosim import DelaySystem, Scenario, open_session
+        >>> system = DelaySystem(A=[[-0.5]], B=[[1]])
+        >>> tank = Scenario(step=0.1, until=2).add("tank", system, initial=[1.0])
+        >>> with open_session(tank, settings=["run.end=1"]) as session:
+        ...     stopped = session.run("200 ms")
+        ...     session["tank.u"] = [1.0]
+        ...     session.step(3)
+        ...     session.time, session.rows, session["tank.x"].shape
+        (0.5, 5, (1,))
 
     Its events happen as in a run. Parameters as for `run`; `observers` receive its rows and log
     lines. As those of a run, its components are in a child process, within the limits, unless

@@ -17,10 +17,14 @@ from cosim.trace import Diff, Recorded, Table, TopicInfo, Trace, diff
 class RunResult(Outcome, Recorded):
     """The outcome of a run with its rows, in memory or in the file of its trace.
 
-        r = cosim.run("paper-example")
-        r.status, r.metrics["gain"]
-        r["plant.x"].values             # of a group, a column for each signal
-        r.to_pandas("plant.x", align=0.1)
+        >>> from cosim import run
+        >>> result = run("paper-example", settings=["run.end=1"])
+        >>> result.status, result.metrics["gain"] < result.metrics["gamma"]
+        ('finished', True)
+        >>> result["plant.x"].values.shape  # of a group, a column for each signal
+        (101, 2)
+        >>> result.to_pandas("plant.x", align=0.1).shape
+        (11, 2)
 
     Attributes
     ----------

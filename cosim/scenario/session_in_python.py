@@ -16,13 +16,19 @@ from cosim.trace.outcome import Cause
 class Session:
     """A scenario, run call by call; its signals are read and replaced by their names.
 
-        with open_session("paper-example") as session:
-            session.run(1.0)
-            before = session.save()
-            while not session.ended:
-                session["plant.u"] = [-0.5 * session["plant.x[1]"]]
-                session.step()
-            session.restore(before)
+        >>> from cosim import DelaySystem, Scenario, open_session
+        >>> system = DelaySystem(A=[[-0.5]], B=[[1]])
+        >>> tank = Scenario(step=0.1, until=2).add("tank", system, initial=[1.0])
+        >>> with open_session(tank) as session:
+        ...     stopped = session.run(1.0)
+        ...     before, low = session.save(), session["tank.x[1]"]
+        ...     while not session.ended:
+        ...         session["tank.u"] = [2.0 - session["tank.x[1]"]]
+        ...         session.step()
+        ...     filled = session["tank.x[1]"] > low
+        ...     session.restore(before)
+        ...     filled, session["tank.x[1]"] == low, session.time, session.status
+        (True, True, 1.0, 'running')
 
     A group, `plant.x`, is an array. At any time the components are at `time`, where their outputs
     are known; inputs are of the step before, until the run goes on.

@@ -34,8 +34,15 @@ def sweep(
 ) -> Any:
     """Run a scenario at every point of a grid; return one row per run as a pandas DataFrame.
 
-        sweep(s, {"links.up.delay": [0.1, 0.2], "run.seed": range(20)}, workers="all",
-              metrics={"error": {"signal": "plant.x[1]", "reduce": "rms"}})
+        >>> from cosim import DelaySystem, Scenario, sweep
+        >>> system = DelaySystem(A=[[-0.5]], B=[[1]])
+        >>> tank = Scenario(step=0.1, until=2).add("tank", system, initial=[1.0])
+        >>> runs = sweep(
+        ...     tank, {"components.tank.parameters.A[1,1]": [-0.5, -1.0]},
+        ...     metrics={"level": {"signal": "tank.x[1]", "reduce": "final"}},
+        ... )
+        >>> runs["status"].tolist(), runs["level"].round(2).tolist()
+        (['finished', 'finished'], [0.37, 0.14])
 
     Parameters
     ----------

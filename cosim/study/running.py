@@ -41,6 +41,20 @@ def run_study(
 ) -> StudyResult:
     """Execute a study, or the rest of it, and write its table.
 
+        >>> from pathlib import Path
+        >>> from cosim import DelaySystem, Scenario, run_study
+        >>> from cosim.study import Study
+        >>> system = DelaySystem(A=[[-0.5]], B=[[1]])
+        >>> tank = Scenario(step=0.1, until=2).add("tank", system, initial=[1.0])
+        >>> rate = "components.tank.parameters.A[1,1]"
+        >>> study = Study(
+        ...     title="two rates", scenario="tank", metrics={"level": "final.tank.x[1]"},
+        ...     vary=[{"kind": "grid", "path": rate, "values": [-0.5, -1]}],
+        ... )
+        >>> done = run_study(study, Path("rates"), scenario=tank.loaded())
+        >>> done.runs, done.statuses, done.results.name
+        (2, {'finished': 2}, 'results.parquet')
+
     Parameters
     ----------
     study : a Study, the name of a built-in study, or the path of a file.

@@ -43,6 +43,17 @@ __all__ = ["Series", "Table", "TopicInfo", "Trace"]
 class Trace(Recorded):
     """A trace file: a recorded run, or any MCAP file.
 
+        >>> from cosim import DelaySystem, Scenario, Trace, run
+        >>> system = DelaySystem(A=[[-0.5]], B=[[1]])
+        >>> tank = Scenario(step=0.1, until=2).add("tank", system, initial=[1.0])
+        >>> flight = run(tank, "tank.mcap")
+        >>> trace = Trace("tank.mcap")
+        >>> trace.finished, trace.outcome.status, list(trace.topics)
+        (True, 'finished', ['/tank/output', '/log'])
+        >>> level = trace["tank.x[1]"]
+        >>> level.values.shape, float(level.values[0]), float(level.delivered[-1])
+        ((21,), 1.0, 2.0)
+
     As a data frame, an Arrow table or a dataset: see `cosim.trace.tables.frames.Framed`.
 
     Parameters

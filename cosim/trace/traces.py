@@ -27,6 +27,17 @@ _NAME = "trace"
 class Traces(Framed, Sequence[Trace]):
     """Traces of several runs, in the order of their levels.
 
+        >>> from cosim import DelaySystem, Scenario, Traces, run
+        >>> system = DelaySystem(A=[[-0.5]], B=[[1]])
+        >>> tank = Scenario(step=0.1, until=2).add("tank", system, initial=[1.0])
+        >>> for seed in (1, 2):
+        ...     flight = run(tank.set("run.seed", seed), f"runs/{seed}.mcap")
+        >>> traces = Traces("runs/*.mcap")
+        >>> len(traces), traces.levels["seed"], traces[0].finished
+        (2, [1, 2], True)
+        >>> traces.to_pandas("tank.x[1]", align=0.5).shape
+        (10, 1)
+
     As a data frame, an Arrow table or a dataset: see `cosim.trace.tables.frames.Framed`.
 
     Parameters

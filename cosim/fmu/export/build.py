@@ -85,6 +85,12 @@ def build_fmu(
 ) -> Path:
     """Write `folder`/NAME.fmu of a component and return its path.
 
+        >>> from cosim import build_fmu
+        >>> from cosim.fmu import describe_fmu
+        >>> path = build_fmu("PaperController")
+        >>> path.as_posix(), describe_fmu(path).ports["u[1]"].causality
+        ('fmus/PaperController.fmu', 'output')
+
     Parameters
     ----------
     component : the name of a built-in component, such as "AuvPlant", or a specification.

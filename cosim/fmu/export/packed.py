@@ -103,8 +103,12 @@ def pack(
 ) -> Path:
     """Write something as an FMU that other tools load; return its path.
 
-        pack(design.system, "plant.fmu")
-        pack(design, "controller.fmu", sample_time=0.1)
+        >>> from cosim import DelaySystem, analyse, pack
+        >>> system = DelaySystem(A=[[-1]], B=[[1]])
+        >>> plant = pack(system, "plant.fmu", initial=[2.0])
+        >>> controller = pack(analyse(system, [[-1.0]]), "controller.fmu", sample_time=0.1)
+        >>> controller.name, controller.exists()
+        ('controller.fmu', True)
 
     Parameters
     ----------

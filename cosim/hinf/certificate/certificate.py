@@ -61,6 +61,16 @@ _WAYS = ("over",)  # of a measurement
 def check_certificate(data: Any) -> CertificateCheck:
     """Check a certificate from its JSON alone, with rational arithmetic and no solver.
 
+        >>> import json
+        >>> from cosim import DelaySystem, analyse, check_certificate
+        >>> path = analyse(DelaySystem(A=[[-1]], C=[[1]], D=[[1]])).save("proof.json")
+        >>> data = json.loads(path.read_text())
+        >>> check_certificate(data).valid
+        True
+        >>> data["claim"]["gamma"] = "1/2"
+        >>> check_certificate(data).reason
+        'the claim is not the one that system and variables make'
+
     Raises
     ------
     InputError : not a certificate: a missing key, a wrong shape, a text that is no number.

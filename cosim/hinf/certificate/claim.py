@@ -18,6 +18,11 @@ from cosim.models import DelaySystem, Matrix
 class CertificateCheck:
     """Outcome of an exact check.
 
+        >>> from cosim.hinf import DelaySystem, analyse
+        >>> check = analyse(DelaySystem(A=[[-1]], C=[[1]], D=[[1]])).check()
+        >>> check.valid, check.reason, check.claim["property"]
+        (True, None, 'stability and H-infinity gain <= gamma')
+
     valid : whether the claim is proved.
     reason : why it is not; None if it is.
     claim : the claim, as in the JSON (see `claim_of`).

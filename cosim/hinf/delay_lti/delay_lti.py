@@ -48,6 +48,17 @@ from cosim.models import Delay, DelaySystem
 class DelayLTI(Blocks):
     """A linear time-invariant system with internal delays; made by `lti` and `dead_time`.
 
+        >>> import control
+        >>> from cosim.hinf import lti
+        >>> from cosim.hinf.delay_lti import dead_time
+        >>> loop = (2 * lti(control.tf(1, [1, 1])) * dead_time(0.5)).feedback()
+        >>> loop
+        <DelayLTI: 1 input, 1 output, 1 state, internal delays 0.5 s>
+        >>> loop.is_stable(), round(loop.norm().value, 3)
+        (True, 1.32)
+        >>> loop.step_response([0, 1, 2]).outputs.shape
+        (3,)
+
     `G2 * G1` is the series connection u -> G1 -> G2, `G1 + G2` the parallel one, `G.feedback(H)`
     the closed loop; `G.value(s)` its transfer function. Numbers, matrices, and models of
     python-control and SciPy may stand on either side. Matrices as in `cosim.hinf.delay_lti.blocks`.
@@ -391,6 +402,13 @@ def lti(
 ) -> DelayLTI:
     """Make a system with delays of a model, as MATLAB's tf(..., 'InputDelay', 2).
 
+        >>> import control
+        >>> from cosim.hinf import lti
+        >>> lti(control.tf(1, [1, 2]), input_delay=2)
+        <DelayLTI: 1 input, 1 output, 1 state, internal delays 2 s>
+        >>> lti([[1, 0], [0, 3]], io_delay=[[1, 0], [0, 2]])
+        <DelayLTI: 2 inputs, 2 outputs, 0 states, internal delays 1, 2 s>
+
     Parameters
     ----------
     model : a state-space model, transfer function or zeros, poles and gain of python-control or
@@ -419,6 +437,13 @@ def lti(
 def dead_time(tau: Seconds, size: int = 1) -> DelayLTI:
     """Return e^{-s tau}, the pure delay of `size` signals; tau in seconds, or with a unit.
 
+        >>> import control
+        >>> from cosim.hinf.delay_lti import dead_time
+        >>> control.tf(1, [1, 1]) * dead_time("500 ms")
+        <DelayLTI: 1 input, 1 output, 1 state, internal delays 0.5 s>
+        >>> round(float(abs(dead_time(0.5).value(2j))), 3)  # it does not change the size
+        1.0
+
     Raises
     ------
     InputError : tau is no number of seconds >= 0.
@@ -428,6 +453,12 @@ def dead_time(tau: Seconds, size: int = 1) -> DelayLTI:
 
 def exp(exponent: Any) -> DelayLTI:
     """Return e^{-s tau} of the exponent -tau s, as of s = control.tf("s").
+
+        >>> import control
+        >>> from cosim.hinf.delay_lti import exp
+        >>> s = control.tf("s")
+        >>> 1 / (s + 1) * exp(-0.5 * s)
+        <DelayLTI: 1 input, 1 output, 1 state, internal delays 0.5 s>
 
     Raises
     ------
@@ -461,6 +492,12 @@ def exp(exponent: Any) -> DelayLTI:
 def series(*models: Any) -> DelayLTI:
     """Connect models in series, the first one first: series(G1, G2) is G2 * G1.
 
+        >>> import control
+        >>> from cosim.hinf.delay_lti import dead_time, series
+        >>> late = series(control.tf(1, [1, 1]), dead_time(1), 2)
+        >>> late, round(float(late.value(0).real), 3)
+        (<DelayLTI: 1 input, 1 output, 1 state, internal delays 1 s>, 2.0)
+
     A model with one input and output goes with any number of signals, once for each.
 
     Raises
@@ -475,6 +512,12 @@ def series(*models: Any) -> DelayLTI:
 
 def parallel(*models: Any) -> DelayLTI:
     """Add the outputs of models with the same inputs.
+
+        >>> import control
+        >>> from cosim.hinf.delay_lti import dead_time, parallel
+        >>> both = parallel(control.tf(1, [1, 1]), dead_time(1))  # the same as with +
+        >>> both, round(float(both.value(0).real), 3)
+        (<DelayLTI: 1 input, 1 output, 1 state, internal delays 1 s>, 2.0)
 
     Raises
     ------
@@ -499,12 +542,28 @@ def parallel(*models: Any) -> DelayLTI:
 
 
 def append(*models: Any) -> DelayLTI:
-    """Put models beside each other, nothing connected: all inputs, all outputs."""
+    """Put models beside each other, nothing connected: all inputs, all outputs.
+
+        >>> import control
+        >>> from cosim.hinf.delay_lti import append, dead_time
+        >>> append(control.tf(1, [1, 1]), dead_time(1))
+        <DelayLTI: 2 inputs, 2 outputs, 1 state, internal delays 1 s>
+    """
     return _made(beside(*(blocks_of(model) for model in models)))
 
 
 def feedback(forward: Any, backward: Any = 1, sign: int = -1) -> DelayLTI:
     """Close the loop y = G (r + sign H y): from r to y.
+
+        >>> import control
+        >>> from cosim.hinf.delay_lti import dead_time, feedback
+        >>> L = control.tf(2, [1, 1]) * dead_time(0.5)
+        >>> feedback(L)  # L / (1 + L)
+        <DelayLTI: 1 input, 1 output, 1 state, internal delays 0.5 s>
+        >>> feedback(L).is_stable(), feedback(2 * L).is_stable()
+        (True, False)
+        >>> round(float(feedback(1, L).value(0).real), 3)  # 1 / (1 + L)
+        0.333
 
     Parameters
     ----------

@@ -59,6 +59,11 @@ def delay_margin(
 ) -> tuple[float | None, ...]:
     """Compute for each delay the value at which stability is first lost, the others kept.
 
+        >>> from cosim.hinf import Delay, DelaySystem, delay_margin
+        >>> system = DelaySystem(A=[[0]], B=[[1]], delays=[Delay(0.5, feedback=True)])
+        >>> [round(d, 3) for d in delay_margin(system, [[-1.0]])]  # pi / 2
+        [1.571]
+
     All delays are constants here, also those of any age, and the loop is the nominal one. At
     the value returned a root lies on the axis (F is within 1e-14 of singular, relative to its
     terms), and none does at shorter delays, to a relative 1e-9 (1e-3 at a touch of the axis).

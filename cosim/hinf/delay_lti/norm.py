@@ -222,6 +222,17 @@ def _branch_and_bound(
 def hinf_norm(loop: ClosedLoop, roots: Roots | None = None) -> NormResult | None:
     """Compute the H-infinity norm of the nominal loop, sup over omega of |G(j omega)|.
 
+        >>> from cosim.hinf import Delay, DelaySystem, hinf_norm
+        >>> from cosim.hinf.delay_lti import close
+        >>> late = Delay(0.5, feedback=True)
+        >>> system = DelaySystem(A=[[0.1]], B=[[1]], C=[[1]], D=[[1]], delays=[late])
+        >>> loop = close(system, [[-1.0]])
+        >>> norm = hinf_norm(loop)
+        >>> round(norm.value, 3), norm.value <= norm.bound < norm.value + 1e-6
+        (1.111, True)
+        >>> hinf_norm(close(system, [[-5.0]])) is None  # not stable
+        True
+
     Parameters
     ----------
     loop : with w and z.

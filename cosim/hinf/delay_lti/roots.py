@@ -219,6 +219,15 @@ def approximate_roots(loop: ClosedLoop, nodes: int = _FIRST_NODES) -> Roots:
 def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
     """Compute the rightmost characteristic roots, det(s I - sum_i A_i e^{-s d_i}) = 0.
 
+        >>> from cosim.hinf import Delay, DelaySystem, characteristic_roots
+        >>> from cosim.hinf.delay_lti import close
+        >>> late = Delay(0.5, feedback=True)
+        >>> system = DelaySystem(A=[[0.1]], B=[[1]], C=[[1]], D=[[1]], delays=[late])
+        >>> loop = close(system, [[-1.0]])
+        >>> roots = characteristic_roots(loop, 4)
+        >>> roots.size, bool(roots[0].real < -1.5), bool(roots[0].imag > 0)
+        (4, True, True)
+
     Parameters
     ----------
     loop : only its A and delays are used.
@@ -291,6 +300,14 @@ def _rightmost_roots(loop: ClosedLoop, count: int) -> Roots:
 
 def spectral_abscissa(loop: ClosedLoop) -> float:
     """Compute the greatest real part of the characteristic roots [1/s]; < 0: stable.
+
+        >>> from cosim.hinf import Delay, DelaySystem, spectral_abscissa
+        >>> from cosim.hinf.delay_lti import close
+        >>> late = Delay(0.5, feedback=True)
+        >>> system = DelaySystem(A=[[0.1]], B=[[1]], C=[[1]], D=[[1]], delays=[late])
+        >>> loop = close(system, [[-1.0]])
+        >>> spectral_abscissa(loop) < -1.5, spectral_abscissa(close(system, [[-5.0]])) > 0
+        (True, True)
 
     Raises
     ------

@@ -98,7 +98,13 @@ class AuvDesignSettings:
 
 
 def auv_system(settings: AuvDesignSettings | None = None) -> DelaySystem:
-    """Return the vehicle as Eq. (7): n = 8, m = 4, q = 4, p = 8, one delay or two."""
+    """Return the vehicle as Eq. (7): n = 8, m = 4, q = 4, p = 8, one delay or two.
+
+        >>> from cosim.hinf import auv_system
+        >>> system = auv_system()
+        >>> system.A.shape, system.B.shape, [delay.d for delay in system.delays]
+        ((8, 8), (8, 4), [0.5, 1.25])
+    """
     settings = settings or AuvDesignSettings()
     zero, one = np.zeros((4, 4)), np.eye(4)
     E, H, blocks = _uncertainty(settings)

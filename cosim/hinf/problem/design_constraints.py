@@ -24,6 +24,18 @@ KEYS = ("decay", "damping", "within", "gain_limit", "peak_control", "offset", "e
 class DesignConstraints:
     """What a gain must meet beside gamma; None where there is no constraint.
 
+        >>> from pathlib import Path
+        >>> from cosim.hinf import DesignConstraints, system_by_name
+        >>> size = Path("drift.toml").write_text('''
+        ... [system]
+        ... A = [[0.1]]
+        ... B = [[1]]
+        ... [design]
+        ... decay = 0.5
+        ... ''')
+        >>> system_by_name("drift.toml").design_constraints == DesignConstraints(decay=0.5)
+        True
+
     decay : least rate [1/s] at which every solution decays.
     damping : least damping ratio, between 0 and 1, of every root s of the nominal loop with
         Re s >= -within.

@@ -79,6 +79,13 @@ class NamedSystem:
 def system_by_name(name: str) -> NamedSystem:
     """Return a built-in system, or the one in a `.toml` file.
 
+        >>> from cosim.hinf import system_by_name
+        >>> paper = system_by_name("paper")
+        >>> paper.system
+        <DelaySystem 'paper': 2 states, 1 control, 1 disturbance, 2 outputs, delay 0.3 s, uncertain>
+        >>> paper.k1, paper.k2
+        ((0.6,), (0.2,))
+
     Raises
     ------
     InputError : no such system, or a file that does not hold one.

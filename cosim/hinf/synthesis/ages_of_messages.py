@@ -95,6 +95,14 @@ class AgeLimit:
 class MessageAges:
     """The answer to how old the messages of a loop may be.
 
+        >>> from cosim.hinf import DelaySystem, message_ages
+        >>> system = DelaySystem(A=[[0.1]], B=[[1]], C=[[1]], D=[[1], [0]], D2=[[0], [1]])
+        >>> ages = message_ages(system, ages=[0.5], gain=[[-1.0]])
+        >>> [(row.age, row.certified, row.gamma < 1.7) for row in ages.rows]
+        [(0.5, True, True)]
+        >>> [limit.assumption for limit in ages.limits]
+        ['any', 'sampled', 'constant', 'exact']
+
     Attributes
     ----------
     system : with the delay that is varied.
@@ -144,6 +152,12 @@ def message_ages(
     report_progress: Progress = silent,
 ) -> MessageAges:
     """Compute what messages of each age cost, and how old they may be.
+
+        >>> from cosim.hinf import DelaySystem, message_ages
+        >>> system = DelaySystem(A=[[0.1]], B=[[1]], C=[[1]], D=[[1], [0]], D2=[[0], [1]])
+        >>> found = message_ages(system, ages=[0.5], gain=[[-1.0]])
+        >>> {limit.assumption: round(limit.age, 1) for limit in found.limits}
+        {'any': 1.3, 'sampled': 2.0, 'constant': 1.5, 'exact': 1.5}
 
     Parameters
     ----------

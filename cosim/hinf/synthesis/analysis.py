@@ -62,6 +62,14 @@ def analyse(
 ) -> Result:
     """Certify the least gamma of u = K x, or stability where there is no w or no z.
 
+        >>> from cosim import DelaySystem, analyse, link
+        >>> system = DelaySystem(A=[[0.1]], B=[[1]], C=[[1]], D=[[1]], delays=[link(0.5)])
+        >>> calm, hasty = analyse(system, [[-1.0]]), analyse(system, [[-5.0]])
+        >>> calm.verdict, calm.gamma < 1.5, calm.covers_smaller_delays
+        ('certified', True, True)
+        >>> hasty.verdict, hasty.gamma
+        ('unstable', None)
+
     Parameters
     ----------
     system : Eq. (7) with any number of delays (n states, m inputs); a `DelayLTI` is taken as the

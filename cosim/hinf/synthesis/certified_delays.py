@@ -57,6 +57,13 @@ def certified_delay(
 ) -> GreatestDelay:
     """Find the greatest delay `delay_index` at which u = K x is certified, the others kept.
 
+        >>> from cosim import link
+        >>> from cosim.hinf import DelaySystem, certified_delay
+        >>> system = DelaySystem(A=[[0.1]], B=[[1]], C=[[1]], D=[[1]], delays=[link(0.1)])
+        >>> found = certified_delay(system, [[-1.0]], order=0)
+        >>> 0.9 < found.delay < 1.1, found.result.certified
+        (True, True)
+
     Parameters
     ----------
     system : Eq. (7).

@@ -13,6 +13,17 @@ from cosim.hinf.synthesis.result import Result
 class GreatestDelay:
     """The greatest delay that is certified, of a gain that is designed for it or of a given one.
 
+        >>> from cosim import link
+        >>> from cosim.hinf import DelaySystem, greatest_delay
+        >>> system = DelaySystem(
+        ...     A=[[0.1]], B=[[1]], C=[[1]], D=[[1], [0]], D2=[[0], [1]], delays=[link(0.1)]
+        ... )
+        >>> greatest = greatest_delay(system, 2.0, k1=[-1], k2=[1])
+        >>> round(greatest.delay, 1), greatest.limit_reached, greatest.result.certified
+        (0.6, False, True)
+        >>> greatest.delay < greatest.refuted_at < 1.001 * greatest.delay
+        True
+
     Attributes
     ----------
     delay_index : index of the delay in `system.delays`; the others are kept.

@@ -39,6 +39,15 @@ def greatest_delay(
 ) -> GreatestDelay:
     """Find the greatest delay `delay_index` at which a gain with this gamma is certified.
 
+        >>> from cosim import link
+        >>> from cosim.hinf import DelaySystem, greatest_delay
+        >>> system = DelaySystem(
+        ...     A=[[0.1]], B=[[1]], C=[[1]], D=[[1], [0]], D2=[[0], [1]], delays=[link(0.1)]
+        ... )
+        >>> found = greatest_delay(system, 2.0, k1=[-1], k2=[1])
+        >>> 0.5 < found.delay < 0.7, found.result.gamma <= 2.0, found.result.K.shape
+        (True, True, (1, 1))
+
     Parameters
     ----------
     system : the delays other than `delay_index` are kept.

@@ -60,6 +60,16 @@ _OF_A_GAIN = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
 class Result(delay_lti.HasFigures, Value):
     """What is certified of a loop, its proof, and the figures of its nominal loop.
 
+        >>> from cosim import DelaySystem, Result, design, link
+        >>> system = DelaySystem(
+        ...     A=[[0.1]], B=[[1]], C=[[1]], D=[[1], [0]], D2=[[0], [1]], delays=[link(0.5)]
+        ... )
+        >>> found = design(system)
+        >>> found.certified, found.K.shape, found.gamma < 1.6, found.abscissa < 0
+        (True, (1, 1), True, True)
+        >>> Result.load(found.save("gain.json")) == found  # its proof is checked again
+        True
+
     It cannot be changed, and two are equal where everything they say is. Another gain is another
     result: `analyse` it.
 
