@@ -12,7 +12,9 @@ RING: dict[str, tuple[str, ...]] = {
         *("design_output_feedback", "greatest_delay", "hinf_norm", "lti", "message_ages"),
         *("spectral_abscissa", "system_by_name"),
     ),
-    "cosim.hinf.delay_lti": ("append", "dead_time", "exp", "feedback", "parallel", "series"),
+    "cosim.hinf.delay_lti": (
+        *("append", "close", "dead_time", "exp", "feedback", "parallel", "series"),
+    ),
     "cosim.trace": (
         *("Diff", "Rows", "Series", "Signal", "Table", "Tolerances", "TopicInfo", "TraceWriter"),
         *("Verification", "content_hash", "describe", "diff", "export", "recover", "render"),

@@ -74,6 +74,8 @@ class InputError(CosimError, ValueError):
         delay d: not a time
           expected: seconds, or a text with a unit, as "50 ms"
           got: a value in s; '800 m' is in m
+
+    It is a ValueError as well.
     """
 
     exit_code = 2
@@ -174,6 +176,8 @@ class LossError(CosimError):
         the trace is cut short or damaged
         >>> Trace("cut.mcap", incomplete=True).complete
         False
+
+    With `incomplete=True` what is there is read.
     """
 
     exit_code = 3

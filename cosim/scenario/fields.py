@@ -45,7 +45,10 @@ _MATRICES = frozenset(("A", "B", "C", "D", "D1", "D2", "E", "H", "A1", "H1", "d"
 
 _MEANT: Mapping[str, str] = MappingProxyType(
     {
-        **dict.fromkeys(("stoptime", "duration", "tend", "tstop", "endtime", "tmax"), "end"),
+        **dict.fromkeys(
+            ("stop", "until", "finish", "stoptime", "duration", "tend", "tstop", "endtime", "tmax"),
+            "end",
+        ),
         **dict.fromkeys(("stepsize", "timestep", "dt", "h", "communicationstepsize"), "step"),
         **dict.fromkeys(("latency", "lag", "tau"), "delay"),
         **dict.fromkeys(("packetloss", "dropout", "lossrate", "lossprobability", "per"), "loss"),
@@ -60,6 +63,7 @@ _MEANT: Mapping[str, str] = MappingProxyType(
         **dict.fromkeys(("randomseed", "rng"), "seed"),
         **dict.fromkeys(("assert", "checks", "requirements"), "assertions"),
         **dict.fromkeys(("name",), "title"),
+        **dict.fromkeys(("time", "instant"), "at"),
     }
 )
 _PATTERNS: Mapping[str, str] = MappingProxyType(
@@ -90,6 +94,8 @@ class Part(core.Part):
                 return f'a new link has kind = "packet" or "transport"{there}'
             case "less_than_equal", (*_, "loss" | "duplicate"):
                 return f'a probability: "{value} %" is {value} in a hundred'
+            case _, (*_, "jitter") if not isinstance(value, dict):
+                return f'jitter = {{ kind = "uniform", width = "{value}" }}'
             case _ if "parameters" in path[:-1] and isinstance(value, dict):
                 name = f"{path[-1]}.{next(iter(value), 'x')}"
                 return f'a name with a dot is written in quotes: "{name}" = ...'

@@ -419,7 +419,7 @@ class ScenarioPart(Part):
 
     lists_faults: ClassVar[str | None] = "cosim scenario check"
 
-    title: Text
+    title: Text = "A scenario"
     """One line that says what is run."""
     description: str = ""
     """What a reader should know: why these numbers."""

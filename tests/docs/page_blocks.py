@@ -46,8 +46,6 @@ _FENCE = re.compile(
 )
 _NAMED = re.compile(r"# (\S+\.(?:toml|py))\n")
 _OURS = re.compile(r"^(?:cosim|python|fmpy) ")
-TESTED_BY_ITSELF = ("delay-systems.md",)
-"""Pages whose blocks another test runs, with numbers to nine digits."""
 SETUP = ("python3 -m venv .venv", ". .venv/bin/activate")
 """What every reader of an install section knows; the gate does the same to get its wheel."""
 LANGUAGES = {"sh", "toml", "python", "text", "math", "yaml"}

@@ -13,7 +13,6 @@ from docs.page_blocks import (
     NOT_RUN,
     ROOT,
     SLOW,
-    TESTED_BY_ITSELF,
     Block,
     Reader,
     blocks_of,
@@ -30,7 +29,7 @@ def _parameters() -> list[Any]:
     found = []
     kept, slow = share_of(range(3)), 0
     for page in pages():
-        if page.name in TESTED_BY_ITSELF or not any(b.is_run for b in blocks_of(page)):
+        if not any(b.is_run for b in blocks_of(page)):
             continue
         if page == ROOT / "README.md":
             always = pytest.mark.slow(always=True)

@@ -40,7 +40,7 @@ def test_the_example_of_a_name_holds(
     found = doctest.DocTestParser().get_doctest(text, {}, f"{face}.{name}", None, 0)
     assert found.examples, "no example"
     monkeypatch.chdir(tmp_path)
-    said: list[str] = []
+    words: list[str] = []
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
-    runner.run(found, out=said.append)
-    assert runner.failures == 0, "".join(said)
+    runner.run(found, out=words.append)
+    assert runner.failures == 0, "".join(words)

@@ -116,7 +116,10 @@ def documented(place: str) -> bool:
         return importlib.import_module(place).__doc__ is not None  # a module
     body = ast.parse(path.read_text("utf-8")).body
     for node, below in zip(body, [*body[1:], ast.Pass()], strict=True):
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == name:
+        if (
+            isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+            and node.name == name
+        ):
             return bool(ast.get_docstring(node))
         targets = getattr(node, "targets", [getattr(node, "target", getattr(node, "name", None))])
         if any(isinstance(target, ast.Name) and target.id == name for target in targets):

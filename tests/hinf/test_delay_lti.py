@@ -12,7 +12,15 @@ import pytest
 import scipy.signal
 
 from cosim.core import InputError
-from cosim.hinf import Delay, DelayLTI, DelaySystem, lti
+from cosim.hinf import (
+    Delay,
+    DelayLTI,
+    DelaySystem,
+    characteristic_roots,
+    hinf_norm,
+    lti,
+    spectral_abscissa,
+)
 from cosim.hinf.delay_lti import append, close, dead_time, exp, feedback, parallel, series
 from cosim.models import paper_example
 
@@ -188,3 +196,21 @@ def test_a_missing_python_control_is_named(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(InputError, match=r"auv-cosim\[control\]"):
         dead_time(1.0).to_control(omega=[1.0])
+
+
+def test_roots_and_norm_of_a_system_are_those_of_its_loop() -> None:
+    """The functions for loops take a `DelayLTI`, with its delays; what is neither is refused."""
+    system = DelaySystem([[0.1]], [[1.0]], C=[[1.0]], D=[[1.0]], delays=[Delay(0.5, feedback=True)])
+    loop = close(system, [[-1.0]])
+    G = lti(system, gain=[[-1.0]])
+    assert spectral_abscissa(G) == pytest.approx(spectral_abscissa(loop), rel=1e-12)
+    np.testing.assert_allclose(characteristic_roots(G, 4), characteristic_roots(loop, 4), rtol=1e-9)
+    norms = hinf_norm(G), hinf_norm(loop)
+    assert norms[0] is not None
+    assert norms[1] is not None
+    assert norms[0].value == pytest.approx(norms[1].value, rel=1e-9)
+    for ask in (spectral_abscissa, characteristic_roots, hinf_norm):
+        with pytest.raises(InputError, match="not a closed loop"):
+            ask(system)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="without states"):
+        spectral_abscissa(dead_time(0.3))

@@ -48,6 +48,18 @@ def checked_matrix(name: str, value: ArrayLike, rows: int | None, columns: int |
     return matrix
 
 
+def checked_loop(loop: Any) -> None:
+    """Raise an `InputError` for what is no closed loop."""
+    if not isinstance(loop, ClosedLoop):
+        raise InputError(
+            "not a closed loop",
+            where="loop",
+            expected="a ClosedLoop, as of close(system, K), or a DelayLTI",
+            got=type(loop).__name__,
+            hint="of a design: design.loop",
+        )
+
+
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class ClosedLoop:
     """x' = sum_i A_i x(t-d_i) + C w, z = sum_i D_i x(t-d_i) + D1 w.
@@ -231,6 +243,13 @@ def balanced(A: Sequence[Matrix]) -> list[Matrix]:
 
 def close(system: DelaySystem, K: ArrayLike) -> ClosedLoop:
     """Close the loop with u = K sum_i S_i x(t-d_i), S_i = I where all feedback acts; F = 0.
+
+        >>> from cosim import DelaySystem, link
+        >>> from cosim.hinf.delay_lti import close
+        >>> system = DelaySystem(A=[[0.1]], B=[[1]], C=[[1]], D=[[1]], delays=[link(0.5)])
+        >>> loop = close(system, [[-1.0]])
+        >>> loop.delays, [float(A[0, 0]) for A in loop.A]
+        ((0.0, 0.5), [0.1, -1.0])
 
     A_i + B K S_i acts on x(t-d_i), D (on i = 0) + D2 K S_i makes z.
 

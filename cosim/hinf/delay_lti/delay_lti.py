@@ -148,7 +148,7 @@ class DelayLTI(Blocks):
             value = self.at(s)
         except np.linalg.LinAlgError as error:
             raise InputError("a pole of the system", where="s", got=str(s)) from error
-        return value[..., 0, 0] if self.is_siso else value
+        return value[..., 0, 0][()] if self.is_siso else value
 
     def frequency_response(
         self,
@@ -548,6 +548,8 @@ def append(*models: Any) -> DelayLTI:
         >>> from cosim.hinf.delay_lti import append, dead_time
         >>> append(control.tf(1, [1, 1]), dead_time(1))
         <DelayLTI: 2 inputs, 2 outputs, 1 state, internal delays 1 s>
+
+    models : as of `lti`.
     """
     return _made(beside(*(blocks_of(model) for model in models)))
 

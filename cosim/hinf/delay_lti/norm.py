@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import InputError
 from cosim.hinf.delay_lti.blocks import Blocks, balanced_blocks
-from cosim.hinf.delay_lti.closed_loop import ClosedLoop
+from cosim.hinf.delay_lti.closed_loop import ClosedLoop, checked_loop
 from cosim.hinf.delay_lti.high_frequency import HighFrequency
 from cosim.hinf.delay_lti.retarded import plain_of
 from cosim.hinf.delay_lti.roots import Roots, characteristic_roots, is_stable, roots_of
@@ -70,7 +70,7 @@ def gain_at(loop: Response, omega: Any) -> Reals:
 
     Parameters
     ----------
-    loop : with w and z.
+    loop : with w and z; or a `DelayLTI`.
     omega : frequencies [rad/s], any shape; infinity gives |D1|.
 
     Returns
@@ -219,7 +219,7 @@ def _branch_and_bound(
     return best, max(bound, best[0] * (1.0 + _TOLERANCE) + floor)
 
 
-def hinf_norm(loop: ClosedLoop, roots: Roots | None = None) -> NormResult | None:
+def hinf_norm(loop: ClosedLoop | Blocks, roots: Roots | None = None) -> NormResult | None:
     """Compute the H-infinity norm of the nominal loop, sup over omega of |G(j omega)|.
 
         >>> from cosim.hinf import Delay, DelaySystem, hinf_norm
@@ -248,6 +248,9 @@ def hinf_norm(loop: ClosedLoop, roots: Roots | None = None) -> NormResult | None
     InputError : the loop has no w or no z.
     NotAchievableError : the characteristic roots could not be found (see `characteristic_roots`).
     """
+    if isinstance(loop, Blocks):
+        return norm_of(loop)
+    checked_loop(loop)
     bounds = _Bounds(loop)
     if roots is None:
         roots = characteristic_roots(loop, ROOTS)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from cosim.core import InputError, NotAchievableError
 from cosim.hinf.delay_lti.blocks import Blocks, balanced_blocks
-from cosim.hinf.delay_lti.closed_loop import ClosedLoop, balanced
+from cosim.hinf.delay_lti.closed_loop import ClosedLoop, balanced, checked_loop
 from cosim.hinf.delay_lti.collocation import collocated, late_signals
 from cosim.hinf.delay_lti.high_frequency import HighFrequency
 from cosim.hinf.delay_lti.phase import (
@@ -216,7 +216,7 @@ def approximate_roots(loop: ClosedLoop, nodes: int = _FIRST_NODES) -> Roots:
     return roots[np.argsort(-roots.real, kind="stable")]
 
 
-def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
+def characteristic_roots(loop: ClosedLoop | Blocks, count: int = 10) -> Roots:
     """Compute the rightmost characteristic roots, det(s I - sum_i A_i e^{-s d_i}) = 0.
 
         >>> from cosim.hinf import Delay, DelaySystem, characteristic_roots
@@ -230,7 +230,7 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
 
     Parameters
     ----------
-    loop : only its A and delays are used.
+    loop : of a `ClosedLoop` its A and delays; or a `DelayLTI`.
     count : how many; one more where a conjugate pair is at the end, fewer where there are no
         more (n without an effective delay).
 
@@ -247,6 +247,9 @@ def characteristic_roots(loop: ClosedLoop, count: int = 10) -> Roots:
     """
     if count < 1:
         raise InputError("not a number of roots", where="count", expected=">= 1", got=str(count))
+    if isinstance(loop, Blocks):
+        return roots_of(loop, count)
+    checked_loop(loop)
     try:
         with np.errstate(all="ignore"):
             return _rightmost_roots(loop, count)
@@ -298,7 +301,7 @@ def _rightmost_roots(loop: ClosedLoop, count: int) -> Roots:
         nodes += nodes // 2
 
 
-def spectral_abscissa(loop: ClosedLoop) -> float:
+def spectral_abscissa(loop: ClosedLoop | Blocks) -> float:
     """Compute the greatest real part of the characteristic roots [1/s]; < 0: stable.
 
         >>> from cosim.hinf import Delay, DelaySystem, spectral_abscissa
@@ -311,9 +314,13 @@ def spectral_abscissa(loop: ClosedLoop) -> float:
 
     Raises
     ------
+    InputError : neither loop nor system, or one without states.
     NotAchievableError : as `characteristic_roots`.
     """
-    return float(characteristic_roots(loop, count=1)[0].real)
+    roots = characteristic_roots(loop, count=1)
+    if not roots.size:
+        raise InputError("a system without states has no roots", where="loop")
+    return float(roots[0].real)
 
 
 def roots_of(blocks: Blocks, count: int = 10) -> Roots:

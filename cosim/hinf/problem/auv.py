@@ -104,6 +104,8 @@ def auv_system(settings: AuvDesignSettings | None = None) -> DelaySystem:
         >>> system = auv_system()
         >>> system.A.shape, system.B.shape, [delay.d for delay in system.delays]
         ((8, 8), (8, 4), [0.5, 1.25])
+
+    settings : None: those of `AuvDesignSettings`.
     """
     settings = settings or AuvDesignSettings()
     zero, one = np.zeros((4, 4)), np.eye(4)

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError, NotAchievableError, Progress, html_table, silent
+from cosim.core import InputError, NotAchievableError, Progress, counted, html_table, silent
 from cosim.hinf.delay_lti import (
     checked_system,
     one_thread,
@@ -128,7 +128,8 @@ class MessageAges:
         limits = ", ".join(
             f"{x.assumption} {'-' if x.age is None else f'{x.age:.4g} s'}" for x in self.limits
         )
-        return f"<MessageAges: {len(self.rows)} ages, the gain for {self.age:g} s stands {limits}>"
+        ages = counted(len(self.rows), "age")
+        return f"<MessageAges: {ages}, the gain for {self.age:g} s stands {limits}>"
 
     def _repr_html_(self) -> str:
         """Return the rows and limits, as notebooks show them."""
