@@ -35,6 +35,14 @@ _RUN = ("co-simulation", "scheduled execution", "model exchange")
 class FmuDescription:
     """The declarations of an FMU: its model description and variables.
 
+        >>> from cosim import build_fmu
+        >>> from cosim.fmu import describe_fmu
+        >>> fmu = describe_fmu(build_fmu("PaperController"))
+        >>> fmu.version, fmu.tool, fmu.can_get_and_set_state
+        ('2.0', 'auv-cosim', True)
+        >>> [name for name, port in fmu.ports.items() if port.causality == "input"]
+        ['x[1]', 'x[2]']
+
     Attributes
     ----------
     path, sha256 : the file and the hash of its bytes.
@@ -194,6 +202,13 @@ class FmuDescription:
 
 def describe_fmu(path: AnyPath) -> FmuDescription:
     """Read and validate the model description of an FMU for co-simulation, FMI 2.0 or 3.0.
+
+        >>> from cosim import DelaySystem, pack
+        >>> from cosim.fmu import describe_fmu
+        >>> path = pack(DelaySystem([[-1]], [[1]]), "lag.fmu")
+        >>> fmu = describe_fmu(path)
+        >>> fmu.version, fmu.ports["u[1]"].causality, fmu.ports["A[1,1]"].start
+        ('2.0', 'input', -1.0)
 
     Raises
     ------

@@ -51,6 +51,16 @@ class StepResults(ctypes.Structure):
 class FmuSlave(EventAccess):
     """A running slave; see the module for its life cycle.
 
+        >>> from cosim import DelaySystem, pack
+        >>> from cosim.fmu import FmuSlave, describe_fmu
+        >>> lag = describe_fmu(pack(DelaySystem([[-1]], [[1]]), "lag.fmu"))
+        >>> with FmuSlave(lag, "lag", log=print) as slave:
+        ...     slave.initialise({"initial.x[1]": 1.0}, 0.0, 10.0)
+        ...     slave.write({"u[1]": 1.0})
+        ...     slave.step(0.0, 0.1)
+        ...     slave.read(["x[1]"])
+        {'x[1]': 1.0}
+
     Parameters
     ----------
     name : of the component, in every message.

@@ -66,6 +66,13 @@ PHASE_TEXT: Mapping[Phase, str] = MappingProxyType(
 class Port:
     """A variable of an FMU.
 
+        >>> from cosim import DelaySystem, pack
+        >>> from cosim.fmu import describe_fmu
+        >>> fmu = describe_fmu(pack(DelaySystem([[-1]], [[1]]), "lag.fmu"))
+        >>> state = fmu.ports["x[1]"]
+        >>> state.causality, state.variability, state.kind, state.feedthrough
+        ('output', 'continuous', 'float', False)
+
     Attributes
     ----------
     reference : value reference.

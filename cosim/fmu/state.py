@@ -16,6 +16,17 @@ from cosim.fmu.variables import VariableAccess
 class FmuState:
     """A saved state, which belongs to the instance that saved it.
 
+        >>> from cosim import DelaySystem, pack
+        >>> from cosim.fmu import FmuSlave, describe_fmu
+        >>> lag = describe_fmu(pack(DelaySystem([[-1]]), "lag.fmu"))
+        >>> with FmuSlave(lag, "lag", log=print) as slave:
+        ...     slave.initialise({"initial.x[1]": 1.0}, 0.0, 10.0)
+        ...     state = slave.snapshot()
+        ...     slave.step(0.0, 1.0)
+        ...     slave.restore(state)
+        ...     slave.read(["x[1]"]), state.phase, state.freed
+        ({'x[1]': 1.0}, 'stepping', False)
+
     Attributes
     ----------
     pointer : the FMU's own handle; null once it is freed.

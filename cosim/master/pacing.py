@@ -29,6 +29,13 @@ class PaceFigures(NamedTuple):
 class Pace:
     """The pace of a run in real time, and how late its points were.
 
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.master import Pace
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> outcome = run(lag, pace=Pace(factor=10.0))  # ten times as fast as real time
+        >>> outcome.pace.points, outcome.wall_s > 0.09
+        (11, True)
+
     Parameters
     ----------
     factor : simulated seconds per second of wall-clock time, positive.

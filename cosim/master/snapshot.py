@@ -52,6 +52,17 @@ def fingerprint(system: System, wiring: Wiring) -> str:
 class Snapshot:
     """The state of a run, as `Session.snapshot` saves it.
 
+        >>> from cosim import DelaySystem, Scenario, open_session
+        >>> from cosim.master import Snapshot
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> with open_session(lag) as session:
+        ...     session.step(5)
+        ...     session.save(portable=True).save("half.npz")
+        >>> with open_session(lag) as session:
+        ...     session.restore(Snapshot.load("half.npz"))
+        ...     session.time
+        0.5
+
     Attributes
     ----------
     system : fingerprint of the system it belongs to.

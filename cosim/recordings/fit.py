@@ -25,6 +25,17 @@ _FIRST = 2, 3
 class LinkFit:
     """What a recording says about a link.
 
+        >>> from cosim.network import Recording
+        >>> from cosim.recordings import fit_link
+        >>> times = range(0, 60 * 10**9, 10**9)
+        >>> lost = [k % 10 == 9 for k in range(60)]
+        >>> recording = Recording(times, lost, [10**8] * 60)  # each 0.1 s under way
+        >>> fit = fit_link(recording, most_states=2)
+        >>> fit.loss.name, fit.delay.name, fit.refusals
+        ('independent', 'constant', [])
+        >>> fit.table()
+        {'kind': 'packet', 'sample_time': 1.0, 'delay': 0.1, 'loss': 0.1}
+
     Attributes
     ----------
     fitted, tested : messages in the first part, and in the other.
@@ -85,6 +96,19 @@ class LinkFit:
 
 def fit_link(recording: Recording, most_states: int = 3) -> LinkFit:
     """Fit the models of a link to the first two thirds of a recording; test them on the rest.
+
+        >>> from cosim.network import Recording
+        >>> from cosim.recordings import fit_link
+        >>> times = range(0, 60 * 10**9, 10**9)
+        >>> lost = [k % 10 == 9 for k in range(60)]
+        >>> recording = Recording(times, lost, [10**8] * 60)  # each 0.1 s under way
+        >>> print(fit_link(recording, most_states=2).toml("uplink"))
+        [links.uplink]
+        kind = "packet"
+        sample_time = 1.0
+        delay = 0.1
+        loss = 0.1
+        <BLANKLINE>
 
     Raises
     ------

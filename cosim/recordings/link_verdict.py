@@ -59,6 +59,19 @@ class OutageVerdict:
 def outage_verdict(recording: Recording, design: hinf.Result, other: float = 0.0) -> OutageVerdict:
     """Judge a recorded link by a design that is proved across outages.
 
+        >>> from cosim import DelaySystem, analyse, link
+        >>> from cosim.hinf.synthesis import with_outages
+        >>> from cosim.network import Recording
+        >>> from cosim.recordings import outage_verdict
+        >>> loop = DelaySystem([[-0.1]], [[1]], delays=[link(1.5)])
+        >>> proved = with_outages(analyse(loop, [[-0.2]], order=0))
+        >>> times = range(0, 60 * 10**9, 10**9)
+        >>> lost = [k % 10 == 9 for k in range(60)]
+        >>> recording = Recording(times, lost, [10**8] * 60)  # each 0.1 s under way
+        >>> verdict = outage_verdict(recording, proved, other=0.1)
+        >>> verdict.holds, verdict.bound.share_had > 0.9, verdict.statistics.lost
+        (True, True, 6)
+
     Parameters
     ----------
     design : with the guarantee `outages` (`cosim.hinf.with_outages`).

@@ -85,6 +85,18 @@ def read_recording(
 ) -> Recording:
     """Read one recording; of a file with several, that of `node`, or of `default` if it is there.
 
+        >>> from pathlib import Path
+        >>> from cosim.recordings import read_recording
+        >>> log = '''sent,delivered
+        ... 0.0,0.3
+        ... 1.0,
+        ... 2.0,2.4
+        ... '''
+        >>> written = Path("link.csv").write_text(log)
+        >>> recording = read_recording("link.csv")
+        >>> recording.lost.tolist(), recording.delay_ns[recording.arrived].tolist()
+        ([False, True, False], [300000000, 400000000])
+
     Raises
     ------
     InputError : as `read_recordings`; no such node, or several and none is chosen.
@@ -107,6 +119,14 @@ def read_recording(
 
 def write_recordings(path: str | PathLike[str], recordings: Mapping[str, Recording]) -> None:
     """Write recordings as a CSV file for `read_recordings`; with `node` if there are several.
+
+        >>> from cosim.network import Recording
+        >>> from cosim.recordings import read_recording, write_recordings
+        >>> second = 10**9
+        >>> uplink = Recording([0, second, 2 * second], [False, True, False], [second // 4] * 3)
+        >>> write_recordings("links.csv", {"uplink": uplink, "downlink": uplink})
+        >>> read_recording("links.csv", node="downlink").lost.tolist()
+        [False, True, False]
 
     Raises
     ------

@@ -74,7 +74,18 @@ class LinkStatistics:
 
 
 def statistics_of(recording: Recording) -> LinkStatistics:
-    """Return the statistics of a recording."""
+    """Return the statistics of a recording.
+
+        >>> from cosim.network import Recording
+        >>> from cosim.recordings import statistics_of
+        >>> second = 10**9
+        >>> recording = Recording([0, second, 2 * second], [False, True, False], [second // 4] * 3)
+        >>> statistics = statistics_of(recording)
+        >>> statistics.lost, statistics.delay_s.greatest, statistics.greatest_age_s
+        (1, 0.25, 2.25)
+
+    What was in flight at its end counts in `messages` only.
+    """
     ended = recording.ended
     lost, sent_ns = recording.lost[ended], recording.sent_ns[ended]
     after = {bool(k): lost[1:][lost[:-1] == k] for k in (True, False)}

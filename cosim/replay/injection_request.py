@@ -27,6 +27,15 @@ SignalSide = Literal["delivered", "sent"]
 class InjectionRequest:
     """Options of an injection.
 
+        >>> from cosim import DelaySystem, Scenario, inject, run
+        >>> from cosim.replay import InjectionRequest
+        >>> lag = DelaySystem([[-1]], [[1]])
+        >>> two = Scenario(step=0.1, until=1).add("first", lag, initial=[1.0]).add("second", lag)
+        >>> result = run(two.connect("first.x", "second.u"), "two.mcap")
+        >>> injected = inject("two.mcap", lag, "again.mcap", InjectionRequest(compare="second"))
+        >>> injected.status, injected.identical
+        ('finished', True)
+
     Attributes
     ----------
     signal_mapping : recorded signal -> input, and the component that the FMU stands for.

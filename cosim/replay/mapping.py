@@ -31,6 +31,16 @@ class Source:
 class SignalMapping:
     """The mapping that a user requests.
 
+        >>> from cosim import DelaySystem, Scenario, inject, run
+        >>> from cosim.replay import InjectionRequest, SignalMapping
+        >>> lag = DelaySystem([[-1]], [[1]])
+        >>> first = Scenario(step=0.1, until=1).add("first", lag, initial=[1.0])
+        >>> result = run(first, "first.mcap")
+        >>> mapping = SignalMapping(signals=[("first.x[1]", "u[1]")])
+        >>> injected = inject("first.mcap", lag, "second.mcap", InjectionRequest(mapping))
+        >>> injected.sources["u[1]"].name, injected.status
+        ('first.x[1]', 'finished')
+
     Attributes
     ----------
     signals, groups : recorded name -> input of the FMU; a group means all its members.

@@ -36,6 +36,16 @@ from cosim.trace.rows import DESIGN_ATTACHMENT
 class Rerun:
     """A trace, its rerun, and whether they are equal.
 
+        >>> from pathlib import Path
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.replay import rerun
+        >>> from cosim.scenario import FmuCache
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> result = run(lag, "lag.mcap")
+        >>> repeat = rerun("lag.mcap", FmuCache(Path("fmus"), Path()))
+        >>> repeat.identical, repeat.finished, repeat.differences, repeat.outcome.status
+        (True, True, (), 'finished')
+
     Attributes
     ----------
     identical : both content hashes are equal; for a trace that is cut short: the new one begins
@@ -71,6 +81,15 @@ def rerun(
     progress: Progress | None = None,
 ) -> Rerun:
     """Repeat the run of a trace and compare.
+
+        >>> from pathlib import Path
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.replay import rerun
+        >>> from cosim.scenario import FmuCache
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> result = run(lag, "lag.mcap")
+        >>> rerun("lag.mcap", FmuCache(Path("fmus"), Path()), output="again.mcap").identical
+        True
 
     Parameters
     ----------

@@ -6,6 +6,13 @@ from importlib.resources import files
 
 
 def builtin_names() -> list[str]:
-    """Return the names of the built-in scenarios."""
+    """Return the names of the built-in scenarios.
+
+        >>> from cosim.scenario import builtin_names
+        >>> "auv-acoustic" in builtin_names()
+        True
+
+    `cosim.run` and `Scenario.load` take them; `cosim scenario show NAME` prints one.
+    """
     names = [p.name for p in files("cosim.scenario").joinpath("library").iterdir()]
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))

@@ -15,7 +15,22 @@ from cosim.scenario.schema import ConnectionPart, ScenarioPart
 
 
 def as_text(scenario: ScenarioPart) -> str:
-    """Return components, links and connections, one per line."""
+    """Return components, links and connections, one per line.
+
+        >>> from cosim import Scenario
+        >>> from cosim.scenario import as_text
+        >>> print(as_text(Scenario.load("paper-example").loaded().scenario))
+        components
+          [plant]       DelayedPlant
+          [controller]  PaperController
+          [exosystem]   WaveField
+        connections
+          exosystem.disturbance.u --> plant.w[1]
+          plant.x                 --> controller.x
+          controller.u            --> plant.u
+
+    scenario : `Scenario.loaded().scenario`.
+    """
     lines = ["components"]
     wide = max(map(len, scenario.components))
     for name, part in scenario.components.items():

@@ -13,7 +13,18 @@ _LOOSE = "In_extension_"
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the schema of a scenario file; with `extends`, or copies, no other key is needed."""
+    """Return the JSON schema of a scenario file, for editors.
+
+        >>> import json
+        >>> from pathlib import Path
+        >>> from cosim.scenario import json_schema
+        >>> schema = json_schema()
+        >>> written = Path("scenario.schema.json").write_text(json.dumps(schema))
+        >>> schema["title"], "links" in schema["else"]["properties"]
+        ('A co-simulation scenario', True)
+
+    With `extends`, or copies, no other key is needed.
+    """
     whole = ScenarioPart.model_json_schema(by_alias=True)
     parts = whole.pop("$defs")
     for name in _COPIED:

@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cosim.core import AnyPath, ComponentError, InputError
 from cosim.scenario.in_python import Scenario
@@ -64,7 +64,7 @@ class ScenarioEnvironment(gym.Env[Reals, Reals]):
             self._session.restore(self._start)
         return self._observed(), {"t": self._session.time}
 
-    def step(self, action: Reals) -> tuple[Reals, float, bool, bool, dict[str, Any]]:
+    def step(self, action: ArrayLike) -> tuple[Reals, float, bool, bool, dict[str, Any]]:
         """Hold an action for a step; return observation, reward, and whether the run is over.
 
         It is terminated where the run broke off: an output diverged, an event stopped it; truncated

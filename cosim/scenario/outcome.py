@@ -17,6 +17,14 @@ from cosim.trace import RunOutcome
 class Outcome(RunOutcome):
     """The outcome of one run of a scenario: that of the trace, and how it was executed.
 
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> outcome = run(lag, "lag.mcap")
+        >>> outcome.status, outcome.simulated_s, outcome.steps, outcome.trace.name
+        ('finished', 1.0, 10, 'lag.mcap')
+        >>> round(outcome.final["lag.x[1]"], 3)
+        0.368
+
     Attributes
     ----------
     trace : the file, None if none was written.

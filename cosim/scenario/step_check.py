@@ -115,6 +115,16 @@ def check_step(
 ) -> StepCheck:
     """Run a scenario at its step and at half of it, and compare every output; writes no trace.
 
+        >>> from pathlib import Path
+        >>> from cosim import DelaySystem, Scenario
+        >>> from cosim.scenario import FmuCache, check_step, prepare
+        >>> lag = DelaySystem([[-1]], [[1]])
+        >>> two = Scenario(step=0.5, until=5).add("first", lag, initial=[1.0]).add("second", lag)
+        >>> loaded = two.connect("first.x", "second.u").loaded()
+        >>> check = check_step(prepare(loaded, FmuCache(Path("fmus"), Path())))
+        >>> check.steps_s, check.verdict, check.suggested_step_s < 0.5
+        ((0.5, 0.25), 'no', True)
+
     Parameters
     ----------
     tolerance : largest relative error that counts as small enough; None: `TOLERANCE`.

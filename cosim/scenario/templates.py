@@ -121,7 +121,19 @@ end = "{end:g} s"
 
 
 def template(name: str, base: str | None = None) -> str:
-    """Return the text of a new scenario: complete, or extending `base` (InputError if unknown)."""
+    """Return the text of a new scenario: complete, or extending `base`.
+
+        >>> from pathlib import Path
+        >>> from cosim import Scenario
+        >>> from cosim.scenario import template
+        >>> written = Path("mine.toml").write_text(template("mine", base="paper-example"))
+        >>> Scenario.load("mine.toml")
+        <Scenario mine: plant, controller, exosystem; no links>
+
+    Raises
+    ------
+    InputError : `base` is no scenario.
+    """
     if base is None:
         return _WHOLE.format(name=name)
     scenario = load(base).scenario

@@ -54,6 +54,16 @@ RUN_LIMIT_S, RUN_LIMIT_FACTOR = 60.0, 50.0
 class StudyResult:
     """The result of a study that is done.
 
+        >>> from cosim import DelaySystem, Scenario, run_study
+        >>> from cosim.study import Study
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1]).loaded()
+        >>> rates = {"kind": "grid", "path": "components.lag.parameters.A[1,1]", "values": [-1, -2]}
+        >>> end = {"x": "final.lag.x[1]"}
+        >>> study = Study(title="Lags", scenario="lag", vary=[rates], metrics=end)
+        >>> done = run_study(study, "lags", scenario=lag)
+        >>> done.runs, done.statuses, done.results.as_posix()
+        (2, {'finished': 2}, 'lags/results.parquet')
+
     Attributes
     ----------
     folder, results : the folder of the study, and its table; the folder while runs are missing.

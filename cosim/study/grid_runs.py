@@ -22,7 +22,7 @@ METRICS = {"headline": "headline", "gain": "metrics.gain", "gamma": "metrics.gam
 
 def sweep(
     scenario: str | PathLike[str] | Scenario,
-    grid: Mapping[str, Iterable[Any]],
+    grid: Mapping[str, Any],
     metrics: Mapping[str, Any] | None = None,
     *,
     workers: int | str = 1,

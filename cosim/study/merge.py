@@ -55,6 +55,18 @@ class MergedStudy:
 def merge_studies(folders: Sequence[AnyPath], out: AnyPath) -> MergedStudy:
     """Merge folders of one study into one; write its table if all runs are there.
 
+        >>> from cosim import DelaySystem, Scenario, run_study
+        >>> from cosim.study import Study, merge_studies
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1]).loaded()
+        >>> rates = {"kind": "grid", "path": "components.lag.parameters.A[1,1]", "values": [-1, -2]}
+        >>> end = {"x": "final.lag.x[1]"}
+        >>> study = Study(title="Lags", scenario="lag", vary=[rates], metrics=end)
+        >>> first = run_study(study, "first", scenario=lag, runs="0:1")
+        >>> second = run_study(study, "second", scenario=lag, runs="1:2")
+        >>> merged = merge_studies(["first", "second"], "lags")
+        >>> merged.runs, merged.count, merged.missing
+        (2, 2, ())
+
     Parameters
     ----------
     out : a new folder, or one of this study, whose runs are kept.

@@ -34,7 +34,14 @@ class LoadedStudy:
 
 
 def builtin_studies() -> list[str]:
-    """Return the names of the built-in studies."""
+    """Return the names of the built-in studies.
+
+        >>> from cosim.study import builtin_studies
+        >>> "delay-margin" in builtin_studies()
+        True
+
+    `load_study` and `run_study` take them.
+    """
     library = files("cosim.study").joinpath("library")
     return sorted(
         p.name.removesuffix(".toml") for p in library.iterdir() if p.name.endswith(".toml")
@@ -43,6 +50,11 @@ def builtin_studies() -> list[str]:
 
 def load_study(name_or_path: str) -> LoadedStudy:
     """Load a built-in study by name, a TOML file by path, or what a folder of results is of.
+
+        >>> from cosim.study import load_study
+        >>> loaded = load_study("delay-margin")
+        >>> [axis.column for axis in loaded.study.vary], "stable" in loaded.study.metrics
+        (['delay'], True)
 
     Raises
     ------

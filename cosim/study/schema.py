@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
+    ConfigDict,
     Field,
     StringConstraints,
     field_validator,
@@ -356,7 +357,22 @@ class RarePart(Part):
 
 
 class Study(Part):
-    """A whole study."""
+    """A whole study.
+
+        >>> from cosim.study import Study
+        >>> study = Study(
+        ...     title="How often a sample must be taken",
+        ...     scenario="paper-example",
+        ...     vary=[{"kind": "grid", "path": "run.step", "values": [0.01, 0.02]}],
+        ...     metrics={"gain": "metrics.gain", "claimed": "metrics.guarantee_claimed"},
+        ... )
+        >>> study.vary[0].column, list(study.metrics), study.traces
+        ('run.step', ['gain', 'claimed'], 'none')
+
+    `run_study` runs it. The keys are those of a study's TOML (Reference, Studies).
+    """
+
+    model_config = ConfigDict(json_schema_extra={"description": "A whole study."})
 
     title: Text
     """One line that says what is studied."""

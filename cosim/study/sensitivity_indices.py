@@ -56,6 +56,19 @@ def sensitivity(
 ) -> Sensitivity:
     """Return the sensitivity indices of a metric.
 
+        >>> from cosim import DelaySystem, Scenario, run_study
+        >>> from cosim.study import Study, read_table, sensitivity
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1]).loaded()
+        >>> of, kind = "components.lag.parameters", {"kind": "saltelli"}
+        >>> axes = [kind | {"name": "start", "path": f"{of}.initial.x[1]", "uniform": [0.5, 1.5]},
+        ...         kind | {"name": "rate", "path": f"{of}.A[1,1]", "uniform": [-1.1, -0.9]}]
+        >>> end = {"x": "final.lag.x[1]"}
+        >>> study = Study(title="Lags", scenario="lag", vary=axes, samples=8, metrics=end)
+        >>> done = run_study(study, "lags", scenario=lag)
+        >>> indices = sensitivity(*read_table("lags"), "x")
+        >>> done.runs, indices.total["start"].value > indices.total["rate"].value
+        (32, True)
+
     table, manifest : of a study that is finished (`read_table`).
 
     Raises

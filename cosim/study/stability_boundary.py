@@ -107,7 +107,23 @@ def _with(system: DelaySystem, delays: tuple[Delay, ...]) -> DelaySystem:
 
 
 def boundary(table: Any, manifest: dict[str, Any]) -> Boundary | None:
-    """Return the boundary that a table shows; None for a study without [stability]."""
+    """Return the boundary that a table shows; None for a study without [stability].
+
+        >>> from cosim import Delay, DelaySystem, Scenario, run_study
+        >>> from cosim.study import Study, boundary, read_table
+        >>> loop = DelaySystem([[0]], delays=[Delay(1.0, [[-1]])])  # x' = -x(t - d)
+        >>> flight = Scenario(step=0.1, until=20).add("loop", loop, initial=[1]).loaded()
+        >>> d = {"kind": "grid", "name": "d", "path": "components.loop.parameters.delay.d"}
+        >>> calm = {"signal": "loop.x[1]", "reduce": "growth_rate", "after": 5, "below": 0}
+        >>> study = Study(title="Delays", scenario="loop", vary=[d | {"values": [1.0, 1.5, 2.0]}],
+        ...               metrics={"calm": calm}, stability={"delay": "d", "stable": "calm"})
+        >>> done = run_study(study, "delays", scenario=flight)
+        >>> edge = boundary(*read_table("delays")).edges[0]  # the exact margin is pi / 2
+        >>> edge.stable_to, edge.unstable_from
+        (1.5, 2.0)
+
+    table, manifest : of a study that is finished (`read_table`).
+    """
     study = Study.model_validate(manifest["study"])
     part = study.stability
     if part is None:

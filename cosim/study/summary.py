@@ -119,6 +119,15 @@ def summarise(
 ) -> Summary:
     """Summarise a table of results (`read_table`).
 
+        >>> from cosim import DelaySystem, Scenario, sweep
+        >>> from cosim.study import read_table, summarise
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> rates = {"components.lag.parameters.A[1,1]": [-1.0, -2.0]}
+        >>> frame = sweep(lag, rates, {"x": "final.lag.x[1]"}, out="lags")
+        >>> summary = summarise(*read_table("lags"))
+        >>> summary.runs, round(summary.groups[0].numbers["x"].maximum, 3)
+        (2, 0.368)
+
     Parameters
     ----------
     by : axes to group by; None for the grid axes, if they give few groups of several runs.

@@ -25,6 +25,13 @@ from cosim.trace.rows.layout import LOG_TOPIC, in_fixed_width
 def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -> str:
     """Return the content hash of a trace as 64 hexadecimal digits.
 
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.trace import content_hash
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> runs = run(lag, "one.mcap"), run(lag, "two.mcap")
+        >>> content_hash("one.mcap") == content_hash("two.mcap") == runs[0].content_hash
+        True
+
     Of traces whose rows are of format 1 it is that of version 2, which they have had ever since.
     `incomplete` as in `Trace`: of a file cut short, the part that can be read is hashed.
 

@@ -30,6 +30,14 @@ def describe(
 ) -> dict[str, Any]:
     """Summarise a trace as JSON values (no NaN; None for what is absent).
 
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.trace import describe
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> result = run(lag, "lag.mcap")
+        >>> about = describe("lag.mcap")
+        >>> about["complete"], about["outcome"]["status"], [t["topic"] for t in about["topics"]]
+        (True, 'finished', ['/lag/output', '/log'])
+
     Keys: `path`, `bytes`, `library`, `complete`, `damage`, `finished`, `recovered` (what a
     recovered file lost, and what in it is marked as suspect; None for another), `run`, `result`
     (entries but those of links; JSON parsed), `links` (figures by link name), `log` (the last

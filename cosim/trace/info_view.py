@@ -44,7 +44,20 @@ _HOST = ("host.command", "host.started", "host.python", "host.platform")
 
 
 def render(description: Mapping[str, Any]) -> Group:
-    """Format a `describe` dictionary for rich to print."""
+    """Format a `describe` dictionary for rich to print.
+
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.trace import describe, render
+        >>> from rich.console import Console
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> result = run(lag, "lag.mcap")
+        >>> Console(color_system=None).print(render(describe("lag.mcap")))
+        trace lag.mcap ...
+        state finished
+        ...
+
+    description : as `describe` returns it.
+    """
     parts: list[Any] = [_facts(description), _topics(description["topics"])]
     if description["links"]:
         parts.append(_links(description["links"]))

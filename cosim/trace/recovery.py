@@ -96,6 +96,16 @@ def recover(
 ) -> Recovery:
     """Write a finished file with every message, metadata record and attachment that is one.
 
+        >>> from pathlib import Path
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.trace import recover
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> whole = run(lag, "lag.mcap").trace.read_bytes()
+        >>> cut_short = Path("lag.mcap").write_bytes(whole[:-100])
+        >>> recovery = recover("lag.mcap")
+        >>> recovery.output.name, recovery.complete, recovery.finished
+        ('lag.recovered.mcap', False, True)
+
     What can be read of a damaged chunk or attachment is kept, and marked: values may be wrong, and
     the record `cosim.recovered` names them. The source is not changed. If it is whole, nothing is
     written, or a copy if an output is given.

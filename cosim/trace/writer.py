@@ -55,6 +55,16 @@ class Attachment:
 class TraceWriter:
     """A writer of one trace, and a context manager that closes it.
 
+        >>> from cosim import Trace
+        >>> from cosim.trace import Signal, TraceWriter
+        >>> with TraceWriter("dive.mcap", run={"title": "A dive"}) as writer:
+        ...     depth = writer.add_topic("/log/depth", [Signal("z")], schema_name="log.Depth")
+        ...     for second in range(3):
+        ...         writer.write(depth, second * 10**9, [2.0 * second])
+        ...     path = writer.finish({"status": "finished"})
+        >>> Trace("dive.mcap").read("/log/depth")["z"].tolist()
+        [0.0, 2.0, 4.0]
+
     After an exception, or `close` without `finish`, there is `<path>.partial`: a well-formed MCAP
     file without `cosim.result`. If the process is killed, it has everything flushed; on SIGTERM,
     or if the process ends without closing the trace, it has everything. An `ended` writer

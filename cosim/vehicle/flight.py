@@ -57,6 +57,22 @@ _CALMER = 0.7
 class Flight:
     """A flight: its outcome, what was designed for it, and the folder with everything made for it.
 
+        >>> from pathlib import Path
+        >>> from cosim.vehicle import FlightSettings, fly
+        >>> written = Path("diver.toml").write_text('''
+        ... name = "diver"
+        ... degrees_of_freedom = 4
+        ... body = { mass = 100, inertia = [10, 10, 10] }
+        ... hydro = { Z_wdot = -10, Z_w = -100 }
+        ... thrusters = [{ name = "heave", direction = [0, 0, 1], limit = 50 }]
+        ... control = { states = ["eta.z", "nu.w"] }
+        ... ''')
+        >>> flight = fly("diver.toml", "dive", FlightSettings(link=1.0, duration=10.0))
+        >>> flight.design.gamma > flight.design.exact_norm, flight.sensors[0].name
+        (True, 'onboard')
+        >>> flight.outcome.trace.as_posix()
+        'dive/flight.mcap'
+
     Attributes
     ----------
     crossings : what crosses which link, and the ages that the proof allows.
@@ -104,6 +120,20 @@ def fly(  # noqa: PLR0915 - one step after the other
     progress: Progress | None = None,
 ) -> Flight:
     """Design for a vehicle that has a slow link, and fly it.
+
+        >>> from pathlib import Path
+        >>> from cosim.vehicle import FlightSettings, fly
+        >>> written = Path("diver.toml").write_text('''
+        ... name = "diver"
+        ... degrees_of_freedom = 4
+        ... body = { mass = 100, inertia = [10, 10, 10] }
+        ... hydro = { Z_wdot = -10, Z_w = -100 }
+        ... thrusters = [{ name = "heave", direction = [0, 0, 1], limit = 50 }]
+        ... control = { states = ["eta.z", "nu.w"] }
+        ... ''')
+        >>> flight = fly("diver.toml", "dive", FlightSettings(link=1.0, duration=10.0))
+        >>> flight.outcome.status, flight.outcome.metrics["guarantee_claimed"]
+        ('finished', True)
 
     What its file measures over the link, and the set-points, cross it; the loop is closed on board.
 

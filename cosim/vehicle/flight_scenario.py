@@ -28,6 +28,11 @@ _RESERVED = {PLANT, CONTROLLER, SHIP, SEA, SET_POINTS}
 class Mission:
     """What happens to the vehicle of a flight.
 
+        >>> from cosim.vehicle import Mission
+        >>> mission = Mission(set_points={1: -8.0}, errors={1: 0.5}, wave_height=1.0)
+        >>> mission.names(["eta.x", "nu.u"]), mission.calmer(0.5).set_points
+        (('eta.x',), {1: -4.0})
+
     Attributes
     ----------
     set_points : number of the state from 1 -> its deviation from the trim at the start; the

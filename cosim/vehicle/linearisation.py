@@ -78,6 +78,11 @@ def linear_model(
 ) -> LinearModel:
     """Return the linear model of a vehicle about its trim.
 
+        >>> from cosim.vehicle import linear_model, load_vehicle
+        >>> model = linear_model(load_vehicle("nps-auv2"), envelope={"nu.u": 0.1})
+        >>> model.system.A.shape, model.commands, model.envelope["nu.u"]
+        ((8, 8), ('nu.u', 'nu.v', 'nu.w', 'nu.r'), 0.1)
+
     Parameters
     ----------
     current : bounds of the current north, east and down [m/s].

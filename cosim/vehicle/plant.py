@@ -76,6 +76,12 @@ def export_vehicle(
 def named_vehicle(name_or_path: str) -> Vehicle | None:
     """Return the vehicle of the gallery, or of a file that is one; None for a system.
 
+        >>> from cosim.vehicle import named_vehicle
+        >>> named_vehicle("remus100").degrees_of_freedom
+        6
+        >>> named_vehicle("paper") is None  # a system, not a vehicle
+        True
+
     Raises
     ------
     InputError : a name of neither; as `load_vehicle`, for a file with the keys of a vehicle.

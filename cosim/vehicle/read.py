@@ -43,6 +43,13 @@ def vehicle_text(name: str) -> str:
 def load_vehicle(name_or_path: AnyPath) -> Vehicle:
     """Return a vehicle of the gallery by name, or the one in a `.toml` file.
 
+        >>> from pathlib import Path
+        >>> from cosim.vehicle import load_vehicle
+        >>> gallery = load_vehicle("nps-auv2")
+        >>> _ = Path("mine.toml").write_text(gallery.text.replace("mass = 5454.0", "mass = 5600.0"))
+        >>> gallery.parameters["mass"], load_vehicle("mine.toml").parameters["mass"]
+        (5454.0, 5600.0)
+
     Raises
     ------
     InputError : there is no such vehicle, or `vehicle_from_toml` refuses its file.

@@ -45,6 +45,11 @@ class Trim:
 def find_trim(vehicle: Vehicle) -> Trim:
     """Return the trim of a vehicle, verified with its equations.
 
+        >>> from cosim.vehicle import find_trim, load_vehicle
+        >>> trim = find_trim(load_vehicle("remus100"))
+        >>> trim.state["nu.u"], round(trim.commands["thruster.propeller"], 1), trim.residual < 1e-9
+        (1.5, 13.8, True)
+
     Raises
     ------
     InputError : its attitude is a quaternion: Euler angles are needed.

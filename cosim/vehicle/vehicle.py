@@ -85,6 +85,13 @@ class Control:
 class Vehicle:
     """A vehicle.
 
+        >>> from cosim.vehicle import load_vehicle
+        >>> vehicle = load_vehicle("remus100")
+        >>> vehicle.degrees_of_freedom, [actuator.name for actuator in vehicle.actuators]
+        (6, ['propeller', 'rudder', 'stern'])
+        >>> vehicle.trim["nu.u"], vehicle.envelope["eta.theta"], "mass" in vehicle.parameters
+        (1.5, 0.15, True)
+
     Attributes
     ----------
     degrees_of_freedom : 4 or 6.

@@ -81,6 +81,14 @@ def export_ssp(
 ) -> SspExport:
     """Write a scenario as an archive; the same scenario gives the same bytes.
 
+        >>> from pathlib import Path
+        >>> from cosim import DelaySystem, Scenario
+        >>> from cosim.scenario import FmuCache, export_ssp, prepare
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> archive = export_ssp(prepare(lag.loaded(), FmuCache(Path("fmus"), Path())), "lag.ssp")
+        >>> archive.components, archive.step_s, archive.path.name
+        (('lag',), 0.1, 'lag.ssp')
+
     Parameters
     ----------
     prepared : the scenario with its FMUs and its gain.

@@ -75,6 +75,15 @@ def import_ssp(
 ) -> SspImport:
     """Write a scenario, and the FMUs of the archive into a folder beside it.
 
+        >>> from pathlib import Path
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.scenario import FmuCache, export_ssp, import_ssp, prepare
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> archive = export_ssp(prepare(lag.loaded(), FmuCache(Path("fmus"), Path())), "lag.ssp")
+        >>> imported = import_ssp("lag.ssp", "lag.toml")
+        >>> imported.names, imported.end_s, run("lag.toml").status
+        ({'lag': 'lag'}, 1.0, 'finished')
+
     Parameters
     ----------
     path : the TOML file; FMUs go into the folder of its name with `_fmus`.

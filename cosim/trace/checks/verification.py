@@ -17,6 +17,14 @@ from cosim.trace.file.walk import Walk
 class Verification:
     """The result of verifying a file.
 
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.trace import verify
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> result = run(lag, "lag.mcap")
+        >>> verification = verify("lag.mcap")
+        >>> verification.verdict, verification.ours, verification.checks[0].name
+        ('ok', True, 'end of file')
+
     Attributes
     ----------
     path : the file.
@@ -49,6 +57,15 @@ class Verification:
 
 def verify(path: AnyPath, fmus: AnyPath | None = None) -> Verification:
     """Check the structure of a file, and the content of a run's trace for consistency.
+
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.trace import verify
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> result = run(lag, "lag.mcap")
+        >>> verify("lag.mcap").verdict
+        'ok'
+        >>> [check.name for check in verify("lag.mcap").checks if check.verdict == "failed"]
+        []
 
     Parameters
     ----------

@@ -27,6 +27,13 @@ from cosim.trace.rows.layout import LOG_TOPIC, signal_name
 class Diff:
     """The comparison of two traces; pairs belong to the first trace and the second.
 
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> faster = lag.set("components.lag.parameters.A[1,1]", -1.1)
+        >>> difference = run(faster, "faster.mcap").diff(run(lag, "lag.mcap"))
+        >>> difference.identical, [(signal.name, signal.first_s) for signal in difference.parted]
+        (False, [('lag.x[1]', 0.1)])
+
     Attributes
     ----------
     identical : equal content hashes; only metadata, attachments and log were compared then.
@@ -82,6 +89,14 @@ def diff(
     seen: Seen | None = None,
 ) -> Diff:
     """Compare two traces signal by signal, with their links, log, metadata and attachments.
+
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.trace import diff
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> faster = lag.set("components.lag.parameters.A[1,1]", -1.1)
+        >>> runs = run(lag, "lag.mcap"), run(lag, "again.mcap"), run(faster, "faster.mcap")
+        >>> diff("lag.mcap", "again.mcap").identical, diff("lag.mcap", "faster.mcap").equal
+        (True, False)
 
     Parameters
     ----------

@@ -45,6 +45,16 @@ class Tolerance:
 class Tolerances:
     """A general tolerance, and special ones by signal.
 
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.trace import Tolerances, diff
+        >>> from cosim.trace.comparison import Tolerance
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> faster = lag.set("components.lag.parameters.A[1,1]", -1.001)
+        >>> runs = run(lag, "lag.mcap"), run(faster, "faster.mcap")
+        >>> small = Tolerances(Tolerance(relative=1e-9), {"lag.x": Tolerance(absolute=0.01)})
+        >>> diff("lag.mcap", "faster.mcap").equal, diff("lag.mcap", "faster.mcap", small).equal
+        (False, True)
+
     Attributes
     ----------
     special : by the name of a signal (`plant.eta.x`) or of a group (`plant.eta`).

@@ -66,6 +66,14 @@ def export(
 ) -> list[WrittenTable]:
     """Write the rows of a trace as tables.
 
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> from cosim.trace import export
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> result = run(lag, "lag.mcap")
+        >>> written = export("lag.mcap", "lag.csv", "csv", topics=["/lag/output"])
+        >>> written[0].path.name, written[0].rows, written[0].columns
+        ('lag.csv', 11, ('time_s', 'sent_s', 'sequence', 'x[1]'))
+
     Parameters
     ----------
     target : a file for one table (one topic, or `wide`), else a folder; beside the trace if None.

@@ -99,6 +99,15 @@ _TYPES: Mapping[str, int] = {
 class Signal:
     """One signal of a topic.
 
+        >>> from cosim import Trace
+        >>> from cosim.trace import Signal, TraceWriter
+        >>> depth = Signal("z", unit="m", hold="continuous", description="depth")
+        >>> with TraceWriter("dive.mcap", run={}) as writer:
+        ...     number = writer.add_topic("/log/depth", [depth], schema_name="log.Depth")
+        ...     path = writer.finish({"status": "finished"})
+        >>> Trace(path).topics["/log/depth"].signals[0].unit
+        'm'
+
     Parameters
     ----------
     name : FMI name, `eta.x`, `K[1,3]`.

@@ -18,6 +18,17 @@ Integers = NDArray[np.int64]
 class Rows:
     """Rows of one topic.
 
+        >>> import numpy as np
+        >>> from cosim import Trace
+        >>> from cosim.trace import Rows, Signal, TraceWriter
+        >>> with TraceWriter("dive.mcap", run={"title": "A dive"}) as writer:
+        ...     depth = writer.add_topic("/log/depth", [Signal("z")], schema_name="log.Depth")
+        ...     seconds = np.arange(3)
+        ...     writer.write_rows([Rows(depth, seconds * 10**9, 2.0 * seconds[:, None])])
+        ...     path = writer.finish({"status": "finished"})
+        >>> Trace(path).read("/log/depth")["z"].tolist()
+        [0.0, 2.0, 4.0]
+
     Attributes
     ----------
     topic_id : as `add_topic` returned it.

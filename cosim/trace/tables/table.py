@@ -25,6 +25,14 @@ _NAMED = 6
 class Table(Framed):
     """The rows of a topic in file order.
 
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> rows = run(lag).read("/lag/output")
+        >>> len(rows), list(rows.columns), float(rows.delivered[-1])
+        (11, ['x[1]'], 1.0)
+        >>> bool((rows["x[1]"] > 0.3).all())
+        True
+
     As a data frame, an Arrow table or a dataset: see `cosim.trace.tables.frames.Framed`.
 
     Attributes
@@ -183,6 +191,14 @@ class Table(Framed):
 @dataclass(frozen=True, slots=True, repr=False)
 class Series:
     """One signal over time, or a group of them at the same instants.
+
+        >>> from cosim import DelaySystem, Scenario, run
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> x = run(lag)["lag.x[1]"]
+        >>> len(x), float(x.delivered[-1]), float(x.values[0])
+        (11, 1.0, 1.0)
+        >>> round(float(x.values[-1]), 3)
+        0.368
 
     Attributes
     ----------

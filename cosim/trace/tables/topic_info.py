@@ -17,6 +17,13 @@ Spans = Mapping[str, tuple[int, int]]
 class TopicInfo:
     """The description of a topic.
 
+        >>> from cosim import DelaySystem, Scenario, Trace, run
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1]]), initial=[1.0])
+        >>> result = run(lag, "lag.mcap")
+        >>> topic = Trace("lag.mcap").topics["/lag/output"]
+        >>> topic.count, [signal.name for signal in topic.signals], topic.end_ns
+        (11, ['x[1]'], 1000000000)
+
     Attributes
     ----------
     schema, encoding : name of the schema, and encoding of the messages.
