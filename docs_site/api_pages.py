@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import cosim
+from docs_site.ring import RING
 
 FACES = (
     *("cosim.hinf", "cosim.hinf.problem", "cosim.hinf.synthesis", "cosim.hinf.delay_lti"),
@@ -53,6 +54,10 @@ def _front_door() -> str:
         for offered, place in names_of("cosim").items()
         if offered != "__version__"
     ]
+    circle = [
+        f"| {', '.join(f'[`{name}`][{defined(face, name)}]' for name in sorted(names))} | {face} |"
+        for face, names in RING.items()
+    ]
     faces = ", ".join(f"[{face}]({face.rpartition('.')[2]}.md)" for face in FACES)
     return "\n".join(
         [
@@ -63,6 +68,19 @@ def _front_door() -> str:
             "| name | defined in |",
             "|---|---|",
             *rows,
+            "",
+            "## The second circle",
+            "",
+            "What programs use beside the front door; each name has an example in its text, which a",
+            "test runs.",
+            "",
+            "| names | import them from |",
+            "|---|---|",
+            *circle,
+            "",
+            "## Between packages",
+            "",
+            "What else a face offers is for the other packages of this project, and may change.",
             "",
             f"Every package has a face of its own: {faces}. Import from a face, never past it.",
             "",

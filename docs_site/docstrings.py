@@ -23,7 +23,9 @@ def as_markdown(text: str) -> str:
     blocks: list[str] = []
     for block in text.split("\n\n"):
         lines = block.splitlines()
-        if all(line.startswith("    ") for line in lines) and blocks and not _is_list(blocks[-1]):
+        if block.startswith(">>> "):
+            blocks.append(f"```pycon\n{block}\n```")
+        elif all(line.startswith("    ") for line in lines) and blocks and not _is_list(blocks[-1]):
             blocks.append(block)  # a formula, or a program
         else:
             blocks.append("\n".join(_lines(lines)))

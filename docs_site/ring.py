@@ -22,7 +22,16 @@ RING: dict[str, tuple[str, ...]] = {
     ),
     "cosim.fmu": ("FmuDescription", "FmuSlave", "FmuState", "Port", "describe_fmu"),
     "cosim.vehicle": (
-        *("Flight", "Mission", "Vehicle", "find_trim", "fly", "linear_model", "load_vehicle"),
+        *(
+            "Flight",
+            "FlightSettings",
+            "Mission",
+            "Vehicle",
+            "find_trim",
+            "fly",
+            "linear_model",
+            "load_vehicle",
+        ),
         "named_vehicle",
     ),
     "cosim.recordings": (
@@ -31,12 +40,12 @@ RING: dict[str, tuple[str, ...]] = {
     ),
     "cosim.study": (
         *("Study", "StudyResult", "boundary", "builtin_studies", "load_study", "merge_studies"),
-        *("sensitivity", "summarise"),
+        *("read_table", "sensitivity", "summarise"),
     ),
     "cosim.replay": ("InjectionRequest", "Rerun", "SignalMapping", "rerun"),
     "cosim.scenario": (
-        *("Outcome", "as_text", "builtin_names", "check_step", "export_ssp", "import_ssp"),
-        *("json_schema", "template"),
+        *("FmuCache", "Outcome", "as_text", "builtin_names", "check_step", "export_ssp"),
+        *("import_ssp", "json_schema", "prepare", "template"),
     ),
     "cosim.network": ("GilbertElliott", "Jitter", "LossChain", "PacketLink", "Recording"),
     "cosim.master": ("Pace", "Snapshot"),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from rich.text import Text
 
 from cosim import replay, vehicle as vehicles
 from cosim.cli.arguments import numbers
@@ -18,8 +20,9 @@ from cosim.cli.common import (
 from cosim.cli.fmu_view import check_view, info_view, rule_view
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.packed_view import packed_view, plant_view, vehicle_plant_view
-from cosim.core import CheckFailedError, InputError
-from cosim.fmu import export as exports, inspect
+from cosim.core import CheckFailedError, InputError, copy_whole, not_written
+from cosim.fmu import build_fmu, export as exports, inspect
+from cosim.fmu.compiled import prebuilt_file
 from cosim.fmu.export import DEFAULT_FLAVOUR, Flavour
 
 fmu_app = HelpTyper(
@@ -142,7 +145,9 @@ def build(
     system: Annotated[
         str,
         typer.Argument(
-            metavar="SYSTEM", help="A system FILE.toml, or: paper, auv; a vehicle by name or file."
+            metavar="WHAT",
+            help="A system FILE.toml, or: paper, auv; a vehicle by name or file; or a built-in "
+            "FMU by its name, such as AuvPlant.",
         ),
     ],
     out: OutOption = None,
@@ -156,7 +161,7 @@ def build(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Export a plant FMU: a linear system with delays, Eq. (7), or a vehicle.
+    """Export a plant FMU: a linear system with delays, Eq. (7), a vehicle, or a built-in FMU.
 
     A vehicle file, or a vehicle of the gallery, gives its equations in 4 or 6 degrees of freedom:
     commands of thrusters and fins, current and disturbance are inputs; eta, nu and the thrusts
@@ -174,10 +179,14 @@ def build(
     cosim fmu build my-system.toml -o my-plant.fmu
     cosim fmu build paper --initial 1,0
     cosim fmu build remus100 -o remus100.fmu
+    cosim fmu build AuvPlant -o AuvPlant.fmu
     """
     file = Path(system)
     target = _target(file, out)
     start = None if initial is None else numbers("--initial", initial)
+    if system in exports.CATALOGUE:
+        _write_built_in(system, target, flavour, platforms, (name, start), as_json=as_json)
+        return
     kind = exports.target_named(flavour, platforms)
     if (vehicle := vehicles.named_vehicle(system)) is not None:
         if start is not None:
@@ -305,6 +314,41 @@ def controller(
             "certificate_sha256": packed.sha256,
         },
         lambda: packed_view(packed),
+    )
+
+
+def _write_built_in(
+    component: str,
+    target: Path,
+    flavour: Flavour,
+    platforms: str,
+    beside: tuple[str | None, Any],
+    *,
+    as_json: bool,
+) -> None:
+    """Write a built-in FMU; of the installed package one that is ready, with all its binaries."""
+    for option, given in zip(("--name", "--initial"), beside, strict=True):
+        if given is not None:
+            raise InputError(
+                "a built-in FMU is as it is",
+                where=option,
+                hint='parameters in a scenario: parameters = { "initial.eta.z" = 5.0 }',
+            )
+    ready = prebuilt_file(f"{flavour}/{component}.fmu")
+    wanted = "prebuilt" if platforms == "all" and ready is not None else platforms
+    kind = exports.target_named(flavour, wanted)
+    with tempfile.TemporaryDirectory() as folder:
+        built = build_fmu(component, folder, kind.flavour, kind.platforms, prebuilt=kind.prebuilt)
+        with not_written("the FMU", target):
+            copy_whole(built, target)
+    binaries = [binary.folder for binary in inspect.inspect_fmu(target).binaries]
+    answer(
+        as_json,
+        lambda: {"fmu": str(target), "model": component, "flavour": flavour, "binaries": binaries},
+        lambda: Text.assemble(
+            ("packed", "bold green"),
+            f": {target}\n{flavour}, for {', '.join(binaries) or 'Python'}",
+        ),
     )
 
 

@@ -58,7 +58,54 @@ def info_view(answer: dict[str, Any]) -> RenderableType:
         for label, value in _info(answer, answer["model"])
         if value not in (None, "", [])
     )
-    return table("*|", rows)
+    return Group(_answer(answer, answer["model"]), *_interface(answer["model"]), table("*|", rows))
+
+
+def _answer(answer: dict[str, Any], model: dict[str, Any]) -> Text:
+    """Say in one line what it is, whether it runs here, and what is wrong with it."""
+    kinds = " and ".join(kind["kind"] for kind in model["kinds"]) or "no kind of use"
+    here = "has a binary for this machine" if answer["runs_here"] else "no binary for this machine"
+    name = printable(str(model["name"]))
+    return Text.assemble(
+        (name, "bold"), f": FMI {model['fmi_version']}, {kinds}; {here}; {_findings(answer)}"
+    )
+
+
+def _findings(answer: dict[str, Any]) -> str:
+    counts = answer["findings"].items()
+    found = ", ".join(counted(n, level) for level, n in counts if n)
+    return f"cosim fmu check: {found or 'nothing found'}"
+
+
+def _interface(model: dict[str, Any]) -> Iterator[RenderableType]:
+    """Yield what can be connected and set: inputs, outputs, parameters."""
+    for causality in ("input", "output", "parameter", "structuralParameter"):
+        found = [v for v in model["interface"] if v["causality"] == causality]
+        if not found:
+            continue
+        rows = [
+            (
+                Text(printable(v["name"])),
+                Text(printable(v["unit"] or "")),
+                Text(printable("" if v["start"] is None else str(v["start"])[:_START])),
+                Text(printable(v["description"] or "")),
+            )
+            for v in found[:_MOST]
+        ]
+        if len(found) > _MOST:
+            rows.append((Text(f"and {len(found) - _MOST} more: --json"), Text(), Text(), Text()))
+        title = counted(len(found), _WORDS[causality])
+        yield table((title, "unit", "start", ""), rows)
+
+
+_WORDS = {
+    "input": "input",
+    "output": "output",
+    "parameter": "parameter",
+    "structuralParameter": "structural parameter",
+}
+_MOST, _START = 24, 12
+"""Variables of a causality that are listed, and characters of a start value."""
 
 
 def _info(answer: dict[str, Any], model: dict[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -88,9 +135,6 @@ def _info(answer: dict[str, Any], model: dict[str, Any]) -> Iterator[tuple[str, 
     yield "documentation", "yes" if answer["documentation"] else "none"
     yield "size", f"{answer['bytes']} bytes, unpacked {answer['unpacked_bytes']}"
     yield "SHA-256", answer["sha256"]
-    yield "runs on this machine", "there is a binary" if answer["runs_here"] else "no binary"
-    findings = ", ".join(counted(n, level) for level, n in answer["findings"].items() if n)
-    yield "findings", f"{findings or 'none'} (cosim fmu check)"
 
 
 def _image(image: dict[str, Any]) -> str:

@@ -74,7 +74,7 @@ def outage_verdict(recording: Recording, design: hinf.Result, other: float = 0.0
 
     Parameters
     ----------
-    design : with the guarantee `outages` (`cosim.hinf.with_outages`).
+    design : with the guarantee `outages` (`cosim.hinf.synthesis.with_outages`).
     other : what else makes a measurement older than its message, the receiver's step included [s].
 
     Raises
@@ -87,7 +87,7 @@ def outage_verdict(recording: Recording, design: hinf.Result, other: float = 0.0
             "this design proves nothing across outages",
             where="design",
             expected="guarantees.outages in its certificate",
-            hint="cosim design --outages --save, or cosim.hinf.with_outages",
+            hint="cosim design --outages --save, or cosim.hinf.synthesis.with_outages",
         )
     oldest = next(x.d for x in design.system.delays if x.feedback)
     if not 0 <= other < oldest:

@@ -28,24 +28,29 @@ _READ_ONLY = (errno.EACCES, errno.EPERM, errno.EROFS)
 class FmuCache:
     """A folder in which FMUs are found by name, path or hash, and built if missing.
 
+        >>> from pathlib import Path
+        >>> from cosim.scenario import FmuCache
+        >>> FmuCache(Path("fmus")).find("Sensor").ports["y[1]"].unit
+        'm'
+
     Attributes
     ----------
     root : folder with FLAVOUR/NAME.fmu; missing FMUs of the catalogue are built there.
-    folder : start of relative paths of a scenario.
+    folder : start of relative paths of a scenario; by default the present folder.
     wanted : FMU reference -> SHA-256 of its file, which may lie anywhere below `root` under any
         name; if there is no such file, the reference is resolved as usual.
     flavour : flavour of catalogue FMUs, a key of `cosim.fmu.FMI_VERSION`.
     """
 
     root: Path
-    folder: Path
+    folder: Path = Path()
     wanted: Mapping[str, str] = field(default_factory=dict)
     flavour: str = DEFAULT_FLAVOUR
 
     def __post_init__(self) -> None:
         # wherever the process goes afterwards
-        object.__setattr__(self, "root", self.root.absolute())
-        object.__setattr__(self, "folder", self.folder.absolute())
+        object.__setattr__(self, "root", Path(self.root).absolute())
+        object.__setattr__(self, "folder", Path(self.folder).absolute())
 
     def find(self, fmu: str) -> FmuDescription:
         """Find an FMU by its hash if one is wanted, else by catalogue name, design or path."""

@@ -144,6 +144,13 @@ def prepare(
 ) -> PreparedScenario:
     """Find or build the FMUs; find the design that the scenario names, or make one.
 
+        >>> from cosim import DelaySystem, Scenario
+        >>> from cosim.scenario import FmuCache, prepare
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1.0]]))
+        >>> prepared = prepare(lag.loaded(), FmuCache("fmus"))
+        >>> list(prepared.fmus), prepared.problem is None
+        (['lag'], True)
+
     saved : problem and design to use instead of the scenario's.
     worst_case : its worst case, instead of the one in the design.
     of_links : prove a gain that is made for the ages that the links justify; False where one

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, optional
+from cosim.core import AnyPath, InputError, optional
 from cosim.study.batch import Row
 from cosim.study.folder import RESULTS, not_kept, read_manifest, read_rows, remove
 from cosim.study.rare_study import RarePoints
@@ -147,8 +147,16 @@ def write_table(manifest: dict[str, Any], rows: Rows, path: Path) -> None:
         partial.replace(path)
 
 
-def read_table(path: str | Path) -> tuple[Any, dict[str, Any]]:
+def read_table(path: AnyPath) -> tuple[Any, dict[str, Any]]:
     """Read the table of a study and its manifest, from its folder or from `results.parquet`.
+
+        >>> from cosim import DelaySystem, Scenario, sweep
+        >>> from cosim.study import read_table
+        >>> lag = Scenario(step=0.1, until=1).add("lag", DelaySystem([[-1.0]]))
+        >>> runs = sweep(lag, {"run.seed": [1, 2]}, out="seeds")
+        >>> table, manifest = read_table("seeds")
+        >>> table.num_rows, manifest["count"]
+        (2, 2)
 
     For a study that is not finished, the table has the runs that are done.
 

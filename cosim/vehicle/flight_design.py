@@ -85,9 +85,9 @@ def certified_design(
         where=on_envelope.vehicle.name,
         expected="a proof for some share of the envelope",
         got="; ".join(refused),
-        hint=f"most uncertain is {_most_uncertain(on_envelope)}: smaller bounds of these in "
-        "[envelope], another [trim], sensors on board that are faster (age), a faster link "
-        "(--link), or other controlled states ([control] states)",
+        hint=f"{_most_uncertain(on_envelope)}another [trim], sensors on board that are faster "
+        "(age), a faster link (--link), other controlled states ([control] states), or a sensor of a state "
+        "that none measures",
     )
 
 
@@ -129,7 +129,7 @@ def proved_for(
 
 
 def _most_uncertain(model: LinearModel) -> str:
-    """Return in words the entries of A whose uncertainty moves a state most, for what moves it."""
+    """Say which entries of A have the uncertainty that moves a state most; nothing without any."""
     system = model.system
     bounds = np.array([model.envelope.get(name, 1.0) for name in model.states])
     radius = np.abs(system.E) @ np.abs(system.H[:, : len(bounds)])
@@ -137,11 +137,12 @@ def _most_uncertain(model: LinearModel) -> str:
     shares = np.divide(radius * bounds, moves, out=np.zeros_like(radius), where=moves > 0)
     places = np.argsort(-shares, axis=None, kind="stable")[:3]
     entries = [np.unravel_index(k, shares.shape) for k in places]
-    return ", ".join(
+    listed = ", ".join(
         f"{model.states[i]}' by {model.states[j]} ({system.A[i, j]:.3g} +- {radius[i, j]:.3g})"
         for i, j in entries
         if radius[i, j] > 0
     )
+    return f"most uncertain is {listed}: smaller bounds of these in [envelope], " if listed else ""
 
 
 def measurements_of(

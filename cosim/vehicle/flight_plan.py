@@ -30,6 +30,11 @@ _RUN = 1.25  # mean length of a run of losses, in messages
 class FlightSettings:
     """What is asked of a flight.
 
+        >>> from cosim.vehicle import FlightSettings
+        >>> slow = FlightSettings(link=10.0, loss=0.2, duration=600.0)
+        >>> slow.losses >= 1, slow.seed
+        (True, 2)
+
     Attributes
     ----------
     link : greatest time that a message over the link takes [s].

@@ -64,7 +64,7 @@ def load_vehicle(name_or_path: AnyPath) -> Vehicle:
     return vehicle_from_toml(text, where=str(path))
 
 
-def vehicle_from_toml(text: str, *, where: str) -> Vehicle:
+def vehicle_from_toml(text: str, *, where: str = "vehicle") -> Vehicle:
     """Return the vehicle of a TOML text; messages name `where` and the line.
 
     Raises

@@ -17,6 +17,8 @@ DOOR = [name for name in cosim.__all__ if name != "__version__"]
 NAMES = [("cosim", name) for name in DOOR] + [
     (face, name) for face, names in RING.items() for name in names
 ]
+LONG = {"Flight", "fly"}
+"""Names whose example designs and flies a vehicle."""
 ALIASES = {"Progress", "Seconds"}
 """Types without a class: they have no docstring to be read from Python."""
 
@@ -28,7 +30,13 @@ def test_the_ring_is_small_and_every_name_is_offered() -> None:
         assert name in importlib.import_module(face).__all__, (face, name)
 
 
-@pytest.mark.parametrize(("face", "name"), NAMES, ids=[f"{f}.{n}" for f, n in NAMES])
+@pytest.mark.parametrize(
+    ("face", "name"),
+    [
+        pytest.param(face, name, id=f"{face}.{name}", marks=[pytest.mark.slow] * (name in LONG))
+        for face, name in NAMES
+    ],
+)
 def test_the_example_of_a_name_holds(
     face: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

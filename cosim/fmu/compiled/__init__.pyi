@@ -6,6 +6,7 @@ from .own_library import (
 )
 from .prebuilt import (
     is_current as is_current,
+    prebuilt_file as prebuilt_file,
     prebuilt_folder as prebuilt_folder,
     write_manifest as write_manifest,
 )

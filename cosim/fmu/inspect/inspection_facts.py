@@ -37,6 +37,10 @@ def fmu_facts(inspection: Inspection) -> dict[str, Any]:
     }
 
 
+_WIRED = ("input", "output", "parameter", "structuralParameter")
+"""Causalities of variables that a user connects or sets."""
+
+
 def _model(model: DeclaredModel) -> dict[str, Any]:
     attributes = model.attributes
     roles = Counter((v.causality, v.type) for v in model.variables)
@@ -63,6 +67,18 @@ def _model(model: DeclaredModel) -> dict[str, Any]:
         "variables": [
             {"causality": causality, "type": kind, "count": count}
             for (causality, kind), count in sorted(roles.items())
+        ],
+        "interface": [
+            {
+                "name": v.name,
+                "causality": v.causality,
+                "type": v.type,
+                "unit": v.unit or None,
+                "start": v.start,
+                "description": v.attributes.get("description"),
+            }
+            for v in model.variables
+            if v.causality in _WIRED
         ],
         "units": units,
         "default_experiment": {
