@@ -71,7 +71,7 @@ def _front_door() -> str:
             "",
             "## The second circle",
             "",
-            "What programs use beside the front door; each name has an example in its text, which a",
+            "What programs use beside the front door; the text of each name has an example that a",
             "test runs.",
             "",
             "| names | import them from |",
