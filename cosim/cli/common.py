@@ -22,6 +22,9 @@ TRACES = Path("traces")
 RunFlavour = Literal["native", "native-fmi3", "python"]
 """Choices of --flavour for runs."""
 
+DetailsOption = Annotated[
+    bool, typer.Option("--details", help="Show everything, not only what an answer needs.")
+]
 JsonOption = Annotated[
     bool,
     typer.Option("--json", help="Print one JSON object, and nothing else, on standard output."),
@@ -97,7 +100,7 @@ def answer(as_json: bool, data: Callable[[], Any], view: Callable[[], Any]) -> N
     if as_json:
         print(json.dumps(data(), indent=1, allow_nan=False))
     else:
-        console().print(view())
+        console().print(view(), crop=False)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ A first hour, in this order:
 
   cosim demo
       two gains over one acoustic link, in a picture
-  cosim trace report traces/auv-acoustic.mcap
+  cosim trace report traces/auv-survey.mcap
       what happened in the first run, as a page
   cosim design paper --search --save gain.json
       a gain with its proof; your own system: a TOML file

@@ -12,6 +12,7 @@ from cosim import master, scenario
 from cosim.cli.common import (
     FMUS,
     TRACES,
+    DetailsOption,
     FmusOption,
     JsonOption,
     RunFlavour,
@@ -37,6 +38,7 @@ def demo(
         ),
     ] = TRACES,
     fmus: FmusOption = FMUS,
+    details: DetailsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Fly two designs with the same late position fixes and compare them in one picture.
@@ -52,7 +54,7 @@ def demo(
     """
     with progress() as report_progress, interruptions_reported():
         result = scenario.demonstrate(make_fmu_cache(fmus), out, report_progress)
-    answer(as_json, result.to_json, lambda: demo_view(result))
+    answer(as_json, result.to_json, lambda: demo_view(result, details=details))
 
 
 def run(
@@ -140,6 +142,7 @@ def run(
             help="Run the components in this process: a component that crashes takes it along.",
         ),
     ] = False,
+    details: DetailsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run a scenario and write its trace.
@@ -201,7 +204,7 @@ def run(
             fsync=fsync,
             supervision=supervision,
         )
-    report_outcome(outcome, as_json)
+    report_outcome(outcome, as_json, details=details)
 
 
 def _refuse_together(option: str, others: Mapping[str, object]) -> None:

@@ -9,8 +9,8 @@ from rich.console import Group, RenderableType
 from rich.table import Column
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, facts, number, plain, table
-from cosim.core import at_most
+from cosim.cli.terminal import NONE, commands, facts, number, plain, table
+from cosim.core import at_most, counted
 from cosim.trace import outcome as outcomes
 from cosim.trace.outcome import age_lines, measurement_age_lines
 
@@ -23,23 +23,29 @@ _MOST_EVENTS = 12
 _THRUSTS = ("force.", "thruster.")
 
 
-def outcome_view(outcome: Outcome) -> RenderableType:
-    """Show a run: how it ended, figures and how each was obtained, assumptions, assertions."""
+def outcome_view(outcome: Outcome, *, details: bool = False) -> RenderableType:
+    """Show a run: how it ended and why, what to do next, then what that rests on.
+
+    details : every assumption, not only those that were not met.
+    """
     colour = _COLOURS[outcome.tone]
     head = Text.assemble(
-        (outcome.title, "bold"),
-        "\n",
+        (outcome.scenario, "bold"),
+        ": ",
         (outcome.headline, f"bold {colour}"),
         f" after {outcome.simulated_s:g} s simulated in {outcome.wall_s:.2g} s, "
         f"{outcome.steps} communication steps",
     )
-    parts: list[RenderableType] = [head]
+    parts: list[RenderableType] = [head, Text(outcome.title, style="dim")]
     if outcome.explanation:
         parts.append(Text(outcome.explanation, style=colour))
     if outcome.cause is not None:
         parts.append(Text(f"cause: {outcome.cause.words}"))
     parts += _guarantee(outcome)
     outages = outcome.metrics.get("outages")
+    parts += [*_assertions(outcome), *_advice(outcome)]
+    if outcome.trace is not None:
+        parts.append(commands(f"cosim trace report {outcome.trace}"))
     parts += [
         facts(
             *(row for row in _figures(outcome) if row[1] != NONE),
@@ -48,12 +54,10 @@ def outcome_view(outcome: Outcome) -> RenderableType:
         *_cut(outcome.metrics.get("cut_connections", ())),
         *_pace(outcome),
         *_links(outcome.links),
-        _assumptions(outcome),
+        _assumptions(outcome, details=details),
         *_age(outcome.metrics),
         *_outages(outages),
-        *_assertions(outcome),
         *_events(outcome),
-        *_advice(outcome),
     ]
     if outcome.binaries:
         parts.append(Text(f"binaries: {outcome.binaries_text}"))
@@ -72,9 +76,13 @@ def late_view(log_after_end: Iterable[Mapping[str, str]]) -> list[RenderableType
     return [Text(words(line), style="yellow") for line in serious]
 
 
-def demo_view(demo: Demo) -> RenderableType:
-    """Show both runs of the demo side by side, and what the guarantee of each rests on."""
+def demo_view(demo: Demo, *, details: bool = False) -> RenderableType:
+    """Show how both runs of the demo ended, what to do next, and both side by side.
+
+    details : what the guarantee of each rests on, not only what was not met.
+    """
     outcomes = list(demo.outcomes.values())
+    answers = [_answer(label, outcome) for label, outcome in demo.outcomes.items()]
     rows: list[Iterable[str | Text]] = [("status", *map(_status, outcomes))]
     rows += (
         (figures[0][0], *(value for _, value in figures))
@@ -88,22 +96,30 @@ def demo_view(demo: Demo) -> RenderableType:
     title = "One vehicle, one sea, one late link; two designs"
     compared = table(("", *(f">{label}" for label in demo.outcomes)), rows, title)
     compared.pad_edge = True
-    parts: list[RenderableType] = [compared]
+    picture = f"none; {demo.no_picture}" if demo.picture is None else str(demo.picture)
+    traces = [str(outcome.trace) for outcome in outcomes]
+    parts: list[RenderableType] = [
+        *answers,
+        Text.assemble("picture: ", (picture, "bold")),
+        commands(f"cosim trace report {traces[-1]}", f"cosim trace diff {' '.join(traces)}"),
+        Text(),
+        compared,
+    ]
     for label, outcome in demo.outcomes.items():
-        parts += [Text(), *_covered(label, outcome)]
-    parts.append(
-        Text.assemble(
-            "\npicture: ",
-            (f"none; {demo.no_picture}", "")
-            if demo.picture is None
-            else (str(demo.picture), "bold"),
-            *(f"\ntrace:   {outcome.trace}" for outcome in outcomes),
-            "\nlook closer: ",
-            (f"cosim trace report {outcomes[-1].trace}", "bold"),
-            f"\n             cosim trace diff {' '.join(str(o.trace) for o in outcomes)}",
-        )
-    )
+        parts += _covered(label, outcome, details=details)
+    if not details:
+        parts.append(Text("\nall assumptions, and what each rests on: cosim demo --details", "dim"))
     return Group(*parts)
+
+
+def _answer(label: str, outcome: Outcome) -> Text:
+    """Say in a line whether the guarantee of a run holds, and where the vehicle ended."""
+    verdict = outcomes.guarantee_of(outcome, outcomes.assumptions_of(outcome))
+    holds = outcome.headline if verdict is None else verdict.what
+    error = outcome.metrics["position_error_m"]
+    ended = "" if error is None else f", and it ends {error:.2g} m off"
+    words = f": {holds[0].lower()}{holds[1:]}{ended}"
+    return Text.assemble((label, "bold"), (words, _COLOURS[outcome.tone]))
 
 
 def _compared(outcome: Outcome) -> list[tuple[str, str]]:
@@ -118,11 +134,16 @@ def _compared(outcome: Outcome) -> list[tuple[str, str]]:
     return rows
 
 
-def _covered(label: str, outcome: Outcome) -> list[RenderableType]:
-    """Say whether the guarantee of a run holds, and for each assumption what it rests on."""
+def _covered(label: str, outcome: Outcome, *, details: bool) -> list[RenderableType]:
+    """Say which assumptions were not met and why; with `details` of each what it rests on."""
     checks = outcomes.assumptions_of(outcome)
     verdict = outcomes.guarantee_of(outcome, checks)
-    lines = [] if verdict is None else [Text(f"{label}: {verdict.what}; {verdict.why}", "bold")]
+    checks = [check for check in checks if details or check.tone != "good"]
+    if not checks:
+        return []
+    lines = [Text()]
+    if verdict is not None:
+        lines.append(Text(f"{label}: {verdict.what}; {verdict.why}", "bold"))
     rows = (
         (_tick(check.tone == "good"), Text.assemble(check.what, "\n", (check.why, "dim")))
         for check in checks
@@ -224,19 +245,24 @@ def _guarantee(outcome: Outcome) -> list[RenderableType]:
     return [verdict, *(Text(f"{label}: {words}") for label, words, _ in outcomes.facts_of(outcome))]
 
 
-def _assumptions(outcome: Outcome) -> RenderableType:
-    """Show which assumptions were met, and of those that were not the places."""
+def _assumptions(outcome: Outcome, *, details: bool) -> RenderableType:
+    """Show which assumptions were not met, and where; with `details` those that were as well."""
     if not outcome.assumptions:
         return Text(
             "no design: nothing is guaranteed ([design] file in the scenario names one)",
             style="dim",
         )
     rows, why = [], outcome.departures
+    met_ones = sum(met is True for met in outcome.assumptions.values())
     for name, met in outcome.assumptions.items():
+        if met is True and not details:
+            continue
         words = Text(name.replace("_", " "))
         if name in why:
             words.append(f"\n{outcomes.departures_text(why[name])}", style="dim")
         rows.append((_tick(met), words))
+    if met_ones and not details:
+        rows.append((_tick(met=True), Text(f"{counted(met_ones, 'assumption')} (--details)")))
     return table((), rows, "Assumptions of the guarantee")
 
 

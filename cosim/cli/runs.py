@@ -49,9 +49,14 @@ def make_fmu_cache(
     return scenario.FmuCache(root=fmus, folder=folder or Path.cwd(), flavour=flavour)
 
 
-def report_outcome(outcome: scenario.Outcome, as_json: bool) -> None:  # noqa: FBT001 - as `answer`
+def report_outcome(
+    outcome: scenario.Outcome,
+    as_json: bool,  # noqa: FBT001 - as `answer`
+    *,
+    details: bool = False,
+) -> None:
     """Print the outcome of a run, and leave with its exit code."""
-    answer(as_json, outcome.to_json, lambda: outcome_view(outcome))
+    answer(as_json, outcome.to_json, lambda: outcome_view(outcome, details=details))
     exit_with(outcome)
 
 

@@ -49,6 +49,12 @@ def _column(name: str) -> Column:
     )
 
 
+def commands(*lines: str) -> Text:
+    """Return what to do next: each command on a line of its own, never broken."""
+    listed = "\n".join(f"  {line}" for line in lines)
+    return Text(f"next:\n{listed}", no_wrap=True, overflow="ignore")
+
+
 def titles_table(of: str, title: str, rows: list[dict[str, str]]) -> Table:
     """Return a table of the `name` and `title` of each row, with these two headings."""
     table = Table(box=None)

@@ -8,6 +8,8 @@ import pytest
 from cli.shell import cosim
 from fmu.packed import described_as, files_of, pack, with_file, without
 
+from cosim import build_fmu
+
 
 def test_info_says_what_an_fmu_is(fmus: Path, tmp_path: Path) -> None:
     """For people and for programs: version, kind, platforms, variables, needs."""
@@ -106,3 +108,29 @@ def test_help_of_check_names_options_and_exit_codes(tmp_path: Path) -> None:
         assert words in out
     assert "info" in cosim("fmu", "--help", cwd=tmp_path).out
     assert cosim("fmu", "check", "x.fmu", "--time", "0", "--json", cwd=tmp_path).code == 2
+
+
+def test_a_built_in_fmu_is_written_by_its_name(tmp_path: Path) -> None:
+    """As `build_fmu` writes it; what only other plants take is refused by name."""
+    result = cosim("fmu", "build", "Sensor", "--json", cwd=tmp_path)
+    assert result.code == 0, result.err
+    assert result.json["model"] == "Sensor"
+    assert result.json["binaries"]
+    built = build_fmu("Sensor", tmp_path / "fmus")
+    assert (tmp_path / "Sensor.fmu").read_bytes() == built.read_bytes()
+    refused = cosim("fmu", "build", "Sensor", "--initial", "1,0", cwd=tmp_path)
+    assert refused.code == 2
+    assert "a built-in FMU is as it is" in refused.err
+
+
+def test_info_answers_first_and_lists_what_can_be_wired(tmp_path: Path) -> None:
+    """Name, version and findings in the first line; inputs, outputs, parameters with units."""
+    build_fmu("Sensor", tmp_path)
+    path = tmp_path / "Sensor.fmu"
+    first = cosim("fmu", "info", path, cwd=tmp_path).out
+    assert first.startswith("Sensor: FMI 2.0, co-simulation; has a binary for this machine; cosim")
+    for words in ("4 inputs", "5 outputs", "position north, as measured", "rad"):
+        assert words in first
+    listed = cosim("fmu", "info", path, "--json", cwd=tmp_path).json["model"]["interface"]
+    stamp = next(one for one in listed if one["name"] == "stamp")
+    assert (stamp["causality"], stamp["type"], stamp["unit"]) == ("output", "Real", "s")

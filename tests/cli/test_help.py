@@ -109,6 +109,25 @@ def test_cosim_alone_shows_a_first_hour(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_first_screen_is_followed_literally(tmp_path: Path) -> None:
+    """Its commands one after the other, in an empty folder; the demo answers before it shows."""
+    copied(fmu_store("native"), tmp_path / "fmus")
+    lines = [line for line in EXAMPLE.findall(cosim(cwd=tmp_path).out) if "COMMAND" not in line]
+    shown = {}
+    for line in lines:
+        done = cosim(*words_of(line), cwd=tmp_path)
+        assert done.code == 0, (line, done.err)
+        shown[line] = done.out.splitlines()
+    demo = shown["cosim demo"]
+    assert demo[0].startswith("delay-aware: the guarantee holds for this run")
+    assert demo[1].startswith("naive: the guarantee is not claimed")
+    after = [line.strip() for line in demo[demo.index("next:") + 1 : demo.index("")]]
+    assert len(after) == 2
+    for line in after:  # what it says to do next can be copied as it stands
+        assert cosim(*words_of(line), cwd=tmp_path).code in (0, 1), line
+
+
+@pytest.mark.slow
 def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Typed one after the other, after what `cosim` alone shows: each does what it says.
 
