@@ -11,16 +11,18 @@ from types import FrameType
 from typing import Annotated
 
 import typer
+from rich.console import Group
 from rich.text import Text
 
 from cosim.cli.common import (
+    DetailsOption,
     JsonOption,
     answer,
     output_file,
     progress,
 )
 from cosim.cli.help_text import HelpTyper
-from cosim.cli.terminal import console
+from cosim.cli.terminal import commands, console
 from cosim.cli.trace_diff import diff
 from cosim.cli.trace_export import export
 from cosim.cli.trace_layout import layout
@@ -53,6 +55,7 @@ def info(
             "(default: of files up to 64 MiB).",
         ),
     ] = None,
+    details: DetailsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Show what a trace contains: run, topics, links, result, content hash.
@@ -61,7 +64,14 @@ def info(
     cosim trace info traces/auv-acoustic.mcap
     """
     description = describe(file, hashed=hashed)
-    answer(as_json, lambda: description, lambda: render(description))
+    answer(
+        as_json,
+        lambda: description,
+        lambda: Group(
+            render(description, details=details),
+            *([] if details else [commands(f"cosim trace info {file} --details")]),
+        ),
+    )
 
 
 @trace_app.command()

@@ -43,7 +43,7 @@ _MOST_EVENTS = 20
 _HOST = ("host.command", "host.started", "host.python", "host.platform")
 
 
-def render(description: Mapping[str, Any]) -> Group:
+def render(description: Mapping[str, Any], *, details: bool = True) -> Group:
     """Format a `describe` dictionary for rich to print.
 
         >>> from cosim import DelaySystem, Scenario, run
@@ -57,8 +57,16 @@ def render(description: Mapping[str, Any]) -> Group:
         ...
 
     description : as `describe` returns it.
+    details : FMUs, proof, attachments, what was met, and the signals of each topic; without them
+        how the run ended, what it may claim, and what there is to read.
     """
-    parts: list[Any] = [_facts(description), _topics(description["topics"])]
+    topics = description["topics"]
+    parts: list[Any] = [_facts(description, details=details)]
+    if details:
+        parts.append(_topics(topics))
+    elif topics:
+        listed = ", ".join(f"{topic['topic']} ({topic['count']})" for topic in topics)
+        parts.append(_text(f"{len(topics)} topics (messages): {listed}"))
     if description["links"]:
         parts.append(_links(description["links"]))
     return Group(*parts)
@@ -69,17 +77,17 @@ def _text(value: object) -> Text:
     return Text("".join(c if c.isprintable() or c == "\n" else "\ufffd" for c in str(value)))
 
 
-def _facts(description: Mapping[str, Any]) -> RichTable:
+def _facts(description: Mapping[str, Any], *, details: bool) -> RichTable:
     facts = RichTable.grid(padding=(0, 2))
     facts.add_column(style="bold")
     facts.add_column(overflow="fold")
     known = description["outcome"]
     outcome = None if known is None else RunOutcome.from_json(known)
     for name, value in (
-        *_identity(description, outcome),
-        *_certificate(description["certificate"]),
-        *_guarantee(description, outcome or RunOutcome()),
-        *_verdict(outcome or RunOutcome()),
+        *_identity(description, outcome, details=details),
+        *(_certificate(description["certificate"]) if details else ()),
+        *_guarantee(description, outcome or RunOutcome(), details=details),
+        *_verdict(outcome or RunOutcome(), details=details),
     ):
         facts.add_row(_text(name), _text(value))
     has_events = outcome is not None and bool(outcome.events)
@@ -89,7 +97,7 @@ def _facts(description: Mapping[str, Any]) -> RichTable:
                 _text(f"{line['level']} at {line['time_s']:g} s"),
                 _text(f"{line['name']}: {line['message']}"),
             )
-    for item in description["attachments"]:
+    for item in description["attachments"] if details else ():
         facts.add_row(
             Text("attached"), _text(f"{item['name']} ({item['media_type']}, {item['bytes']} bytes)")
         )
@@ -97,7 +105,7 @@ def _facts(description: Mapping[str, Any]) -> RichTable:
 
 
 def _identity(
-    description: Mapping[str, Any], outcome: RunOutcome | None
+    description: Mapping[str, Any], outcome: RunOutcome | None, *, details: bool
 ) -> Iterator[tuple[str, object]]:
     """Yield the facts that identify the run, how it ended, and what happened in it."""
     run = description["run"]
@@ -106,11 +114,12 @@ def _identity(
     if description["start_ns"] is not None:
         yield "time", f"{description['start_ns'] / 1e9:g} s to {description['end_ns'] / 1e9:g} s"
     yield from ((key, run[key]) for key in _HEADLINES if key in run)
-    for key in sorted(key for key in run if key.startswith("fmu.") and key.endswith(".sha256")):
+    hashes = [key for key in sorted(run) if key.startswith("fmu.") and key.endswith(".sha256")]
+    for key in hashes if details else ():
         name = key.removesuffix(".sha256")
         yield name, f"{run.get(name, '')}, SHA-256 {run[key][:16]}..."
     host = [f"{key.removeprefix(HOST_PREFIX)} {run[key]}" for key in sorted(run) if key in _HOST]
-    if host:
+    if host and details:
         yield "recorded", ", ".join(host)
     none = "not computed: --hash reads the file for it"
     if description["content_hash_version"] is None:
@@ -158,19 +167,39 @@ def _gamma(text: object) -> str:
         return ""
 
 
-def _guarantee(description: Mapping[str, Any], outcome: RunOutcome) -> Iterator[tuple[str, object]]:
-    """Yield whether the guarantee is claimed, and the facts under this verdict."""
+def _guarantee(
+    description: Mapping[str, Any], outcome: RunOutcome, *, details: bool
+) -> Iterator[tuple[str, object]]:
+    """Yield whether the guarantee is claimed, and with `details` the facts under this verdict."""
     found = guarantee_of(outcome, assumptions_of(outcome), description.get("verified"))
     if found is None:
         return
     yield "guarantee", f"{found.what}: {found.why}"
-    for label, value, known in facts_of(outcome, description.get("verified")):
+    for label, value, known in facts_of(outcome, description.get("verified")) if details else ():
         yield label, f"{value} ({known})" if known else value
 
 
-def _verdict(outcome: RunOutcome) -> Iterator[tuple[str, object]]:
+def _verdict(outcome: RunOutcome, *, details: bool) -> Iterator[tuple[str, object]]:
     """Yield the figures of the run, and which assumptions of the guarantee were met."""
     metrics = outcome.metrics
+    if details:
+        yield from _figures(metrics)
+    why = outcome.departures
+    for name, met in outcome.assumptions.items():
+        if met and not details:
+            continue
+        place = f": {departures_text(why[name])}" if name in why else ""
+        yield f"assumption: {name.replace('_', ' ')}", "met" if met else f"NOT MET{place}"
+    outages = metrics.get("outages")
+    if isinstance(outages, Mapping):
+        for label, value, how in outage_rows(outages):
+            yield label, f"{value} ({how})"
+        _, words, numbers = outage_verdict(outages)
+        yield "outages", f"{words}: {numbers}"
+
+
+def _figures(metrics: Mapping[str, Any]) -> Iterator[tuple[str, object]]:
+    """Yield the figures of the run, and the ages of its measurements."""
     for key, (label, unit) in _FIGURES.items():
         value = metrics.get(key)
         if isinstance(value, float | int) and math.isfinite(value):
@@ -182,16 +211,6 @@ def _verdict(outcome: RunOutcome) -> Iterator[tuple[str, object]]:
     each = metrics.get("measurement_ages")
     for name, words in measurement_age_lines(each).items() if isinstance(each, Mapping) else ():
         yield f"age of {name}", words
-    why = outcome.departures
-    for name, met in outcome.assumptions.items():
-        place = f": {departures_text(why[name])}" if name in why else ""
-        yield f"assumption: {name.replace('_', ' ')}", "met" if met else f"NOT MET{place}"
-    outages = metrics.get("outages")
-    if isinstance(outages, Mapping):
-        for label, value, how in outage_rows(outages):
-            yield label, f"{value} ({how})"
-        _, words, numbers = outage_verdict(outages)
-        yield "outages", f"{words}: {numbers}"
 
 
 def _topics(topics: list[dict[str, Any]]) -> RichTable:

@@ -182,7 +182,7 @@ def test_the_trace_records_whether_the_fmu_starts_with_its_gain() -> None:
 
 def test_people_see_the_certificate_in_info(tmp_path: Path) -> None:
     """Claim, bound, delays and hash in words."""
-    seen = cosim("trace", "info", trace_of("auv-acoustic"), cwd=tmp_path).out
+    seen = cosim("trace", "info", trace_of("auv-acoustic"), "--details", cwd=tmp_path).out
     run = Trace(trace_of("auv-acoustic")).run
     assert "stability and H-infinity gain <= gamma, gamma = 3.36" in seen
     assert "d = 1.25 s: age any, however it varies, up to d, the control acts through it" in seen

@@ -122,7 +122,7 @@ def test_views_of_a_trace_show_each_age(folder: Path, tmp_path: Path) -> None:
         assert fix.tone == tone
         assert "any age up to 1.2 s" in fix.why
         assert check_certificate(json.loads(trace.attachments["certificate.json"])).valid
-        info = cosim("trace", "info", file, cwd=tmp_path).out
+        info = cosim("trace", "info", file, "--details", cwd=tmp_path).out
         assert "age of fix" in info
         page = tmp_path / f"{name}.html"
         cosim("trace", "report", file, "--out", page, cwd=tmp_path)
