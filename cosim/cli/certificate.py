@@ -59,7 +59,7 @@ def check(
 
     \b
     cosim certificate check gain.json --system paper
-    cosim certificate check traces/auv-acoustic.mcap
+    cosim certificate check traces/auv-survey.mcap
     """
     found = replay.certificate_in(file)
     checked = hinf.check_certificate(found.data)

@@ -334,7 +334,7 @@ def design(
                 "norm_certificate": norm_file,
             }
         ),
-        lambda: result_view(name, found, greatest, nominal, remark),
+        lambda: result_view(name, found, greatest, nominal, remark, saved=save),
     )
 
 
@@ -497,5 +497,5 @@ def analyse(
     answer(
         as_json,
         lambda: result_json(name, found, saved, greatest) | {"norm_certificate": norm_file},
-        lambda: result_view(name, found, greatest),
+        lambda: result_view(name, found, greatest, saved=saved),
     )

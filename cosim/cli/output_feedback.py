@@ -63,5 +63,5 @@ def answer_output_feedback(
     answer(
         options["as_json"],
         lambda: result_json(name, found, save),
-        lambda: result_view(name, found),
+        lambda: result_view(name, found, saved=save),
     )

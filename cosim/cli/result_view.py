@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -11,10 +12,12 @@ from rich.table import Table
 from rich.text import Text
 
 from cosim import hinf
-from cosim.cli.terminal import NONE, facts, number
+from cosim.cli.terminal import NONE, commands, facts, number
 from cosim.core import at_least, at_most
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from cosim.models import Delay, DelaySystem, Measurement
 
 Row = tuple[str, str, str]
@@ -27,11 +30,14 @@ def result_view(
     greatest: hinf.GreatestDelay | None = None,
     nominal: float | None = None,
     remark: str | None = None,
+    *,
+    saved: Path | None = None,
 ) -> RenderableType:
-    """Show what is proved, or why nothing is, what is computed, the gains, and remarks.
+    """Show what is proved, or why nothing is, the gains, what to do next, and what that rests on.
 
     nominal : gamma without uncertainty, if it was computed.
     remark : on the size of the gain.
+    saved : the file of the design or of the certificate, if there is one.
     """
     remarks = [remark]
     if result.certificate is not None and result.K.any():
@@ -45,7 +51,11 @@ def result_view(
         *_observer_rows(result),
         *_greatest_delay_row(greatest),
     )
-    return Group(_head(name, result), rows, *_gains(name, result), *lines)
+    written: list[RenderableType] = []
+    if saved is not None:
+        written = [Text.assemble("saved: ", (str(saved), "bold"))]
+        written.append(commands(f"cosim certificate check {shlex.quote(str(saved))}"))
+    return Group(_head(name, result), *_gains(name, result), *written, rows, *lines)
 
 
 def _proved(result: hinf.Result, nominal: float | None) -> Iterator[Row]:
@@ -54,7 +64,7 @@ def _proved(result: hinf.Result, nominal: float | None) -> Iterator[Row]:
     if result.certified:
         gamma = "stability only" if result.gamma is None else at_most(result.gamma)
         whose = (
-            "for the gain below" if result.observer is None else "of plant and observer together"
+            "for the gain above" if result.observer is None else "of plant and observer together"
         )
         yield "gamma", gamma, f"certified: exact rational proof {whose}"
     if nominal is not None and result.gamma is not None:
@@ -84,7 +94,8 @@ def _head(name: str, result: hinf.Result) -> Text:
     if result.observer is not None:
         what = f"{name}, u = K xh"
     if result.certified:
-        return Text.assemble(("certified", "bold green"), f": {what}")
+        bound = "stable" if result.gamma is None else f"gamma {at_most(result.gamma)}"
+        return Text.assemble(("certified", "bold green"), f": {what}; {bound}")
     return Text.assemble(
         (f"not certified, {result.verdict}", "bold yellow"), f": {what}\n  {result.reason}"
     )

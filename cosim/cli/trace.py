@@ -61,7 +61,7 @@ def info(
     """Show what a trace contains: run, topics, links, result, content hash.
 
     \b
-    cosim trace info traces/auv-acoustic.mcap
+    cosim trace info traces/auv-survey.mcap
     """
     description = describe(file, hashed=hashed)
     answer(
@@ -105,9 +105,9 @@ def report(
     the exit code does not say whether they differ, as that of trace diff does.
 
     \b
-    cosim trace report traces/auv-acoustic.mcap
-    cosim trace report traces/auv-acoustic.mcap -o run.html --open
-    cosim trace report traces/auv-acoustic.mcap --compare traces/auv-acoustic-naive.mcap
+    cosim trace report traces/auv-survey.mcap
+    cosim trace report traces/auv-survey.mcap -o run.html --open
+    cosim trace report traces/auv-survey.mcap --compare traces/auv-survey-naive.mcap
     """
     if compare is None:
         written = write_report(file, out)
@@ -157,8 +157,8 @@ def recover(
     a file without its end does not show what was still to come.
 
     \b
-    cosim trace recover traces/auv-acoustic.mcap.partial
-    cosim trace recover traces/auv-acoustic.mcap.partial -o mended.mcap --strict
+    cosim trace recover traces/auv-survey.mcap.partial
+    cosim trace recover traces/auv-survey.mcap.partial -o mended.mcap --strict
     """
     with progress() as report_progress:
         result = recover_trace(file, out, force=force, strict=strict, progress=report_progress)
@@ -188,8 +188,8 @@ def verify(
     has no result.
 
     \b
-    cosim trace verify traces/auv-acoustic.mcap
-    cosim trace verify traces/auv-acoustic.mcap --fmus fmus --json
+    cosim trace verify traces/auv-survey.mcap
+    cosim trace verify traces/auv-survey.mcap --fmus fmus --json
     """
     found = verify_trace(file, fmus)
     answer(as_json, found.to_json, lambda: verification_view(found))
@@ -206,8 +206,8 @@ def cite_verb(file: FileArgument, *, as_json: JsonOption = False) -> None:
     outcome and content hash.
 
     \b
-    cosim trace cite traces/auv-acoustic.mcap
-    cosim trace cite traces/auv-acoustic.mcap --json
+    cosim trace cite traces/auv-survey.mcap
+    cosim trace cite traces/auv-survey.mcap --json
     """
     found = cite(file)
     # as it is to be pasted: not wrapped
@@ -250,8 +250,8 @@ def play(
     protocol has one time per message: publish times and sequence numbers are not sent.
 
     \b
-    cosim trace play traces/auv-acoustic.mcap --rate 4
-    cosim trace play traces/auv-acoustic.mcap --start 60 --loop --port 0
+    cosim trace play traces/auv-survey.mcap --rate 4
+    cosim trace play traces/auv-survey.mcap --start 60 --loop --port 0
     """
     # both signals end it, also where a shell that started this in the background ignores Ctrl-C
     before = {n: signal.signal(n, _interrupt) for n in (signal.SIGTERM, signal.SIGINT)}
@@ -299,8 +299,8 @@ def view(
     The viewer runs on this machine, needs no network, and sends no usage statistics.
 
     \b
-    cosim trace view traces/auv-acoustic.mcap
-    cosim trace view traces/auv-acoustic.mcap --save run.rrd
+    cosim trace view traces/auv-survey.mcap
+    cosim trace view traces/auv-survey.mcap --save run.rrd
     """
     viewed = view_in_rerun(file, save)
     answer(as_json, viewed.to_json, lambda: Text(viewed.text()))

@@ -58,9 +58,9 @@ def diff(
     Exit code 0: equal within the tolerances; 1: different; 2: bad input.
 
     \b
-    cosim trace diff traces/auv-acoustic.mcap again.mcap
-    cosim trace diff traces/auv-acoustic.mcap again.mcap --rel 1e-9 --signal plant.eta=1e-6
-    cosim trace diff traces/auv-acoustic.mcap traces/auv-acoustic-naive.mcap --picture diff.png
+    cosim trace diff traces/auv-survey.mcap again.mcap
+    cosim trace diff traces/auv-survey.mcap again.mcap --rel 1e-9 --signal plant.eta=1e-6
+    cosim trace diff traces/auv-survey.mcap traces/auv-survey-naive.mcap --picture diff.png
     """
     tolerances = Tolerances(
         Tolerance(absolute, relative), dict(_special(text) for text in signal or ())

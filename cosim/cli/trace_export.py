@@ -80,10 +80,10 @@ def export(
     as a topic of std_msgs.
 
     \b
-    cosim trace export traces/auv-acoustic.mcap --to parquet -o tables
-    cosim trace export traces/auv-acoustic.mcap --signal plant.eta --wide -o path.csv
-    cosim trace export traces/auv-acoustic.mcap --to ros2
-    cosim trace export traces/auv-acoustic.mcap -o run.mat
+    cosim trace export traces/auv-survey.mcap --to parquet -o tables
+    cosim trace export traces/auv-survey.mcap --signal plant.eta --wide -o path.csv
+    cosim trace export traces/auv-survey.mcap --to ros2
+    cosim trace export traces/auv-survey.mcap -o run.mat
     """
     chosen = to or _format_of(out)
     if chosen == "ros2":

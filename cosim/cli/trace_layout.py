@@ -41,8 +41,8 @@ def layout(
     viewer first, then the layout.
 
     \b
-    cosim trace layout traces/auv-acoustic.mcap --for lichtblick
-    cosim trace layout traces/auv-acoustic.mcap --for plotjuggler -o auv.xml
+    cosim trace layout traces/auv-survey.mcap --for lichtblick
+    cosim trace layout traces/auv-survey.mcap --for plotjuggler -o auv.xml
     """
     written = write_layout(file, viewer, out)
     answer(as_json, written.to_json, lambda: _view(written))

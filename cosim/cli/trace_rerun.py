@@ -33,8 +33,8 @@ def rerun(
     """Repeat a run from its trace alone and compare the two (exit code 1 if they differ).
 
     \b
-    cosim trace rerun traces/auv-acoustic.mcap
-    cosim trace rerun traces/auv-acoustic.mcap --out again.mcap
+    cosim trace rerun traces/auv-survey.mcap
+    cosim trace rerun traces/auv-survey.mcap --out again.mcap
     """
     with progress() as report_progress:
         result = replay.rerun(file, make_fmu_cache(fmus), output=out, progress=report_progress)

@@ -144,13 +144,13 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     writing = [path for path in leaves if " ".join(path).startswith(BEFORE)]
     leaves = [path for i, path in enumerate(leaves) if path in writing or i % 8 in kept]
     failed = {}
-    # examples read the traces of these runs; the demo writes others
+    # some examples read the trace of such a run; the demo writes others
     lines = ["cosim run auv-acoustic", "cosim run auv-acoustic-naive", *first]
     lines += [line for path in leaves for line in examples(path, tmp_path)]
     for line in dict.fromkeys(lines):
         if any(words in line for words in NOT_RUN):
             continue
-        trace = tmp_path / "traces" / "auv-acoustic.mcap"
+        trace = tmp_path / "traces" / "auv-survey.mcap"
         if "trace recover" in line:
             shutil.copy(trace, f"{trace}.partial")
             os.truncate(f"{trace}.partial", trace.stat().st_size // 2)
