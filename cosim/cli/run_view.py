@@ -290,8 +290,9 @@ def _assertions(outcome: Outcome) -> list[RenderableType]:
     rows = []
     for verdict in outcome.assertions:
         style = "green" if verdict.as_expected else "red"
-        at = "" if verdict.at_s is None else f" at {verdict.at_s:g} s"
-        rows.append((Text(f"{verdict.summary}{at}", style), verdict.name or verdict.words))
+        rows.append(
+            (Text(f"{verdict.summary}{verdict.place}", style), verdict.name or verdict.words)
+        )
     return [table((), rows, "Assertions")]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -99,6 +100,7 @@ class _Watched:
         self._after = self._part.after or 0.0
         self._before = end if self._part.before is None else self._part.before
         self._verdict: _Verdict
+        self._values: dict[str, float] = {}
         if self._part.within is not None:
             self._verdict = _Within(self._part.within.of)
         else:
@@ -115,12 +117,16 @@ class _Watched:
         points = self._points
         seconds = (points.points_ns[first:last] + points.start_ns) / 1e9
         inside = (seconds >= self._after) & (seconds <= self._before)
-        holds = _judged(self._condition, self._readers[0], first, last)
+        values = self._readers[0].read(first, last)
+        holds = _judged(self._condition, values, seconds.size)
         since = None
         if self._since is not None:
-            since = _judged(self._since, self._readers[1], first, last)
+            since = _judged(self._since, self._readers[1].read(first, last), seconds.size)
         self._verdict.add(seconds, inside, holds, since)
         if self._verdict.known is not None:
+            k = int(np.searchsorted(seconds, self._verdict.known))
+            named = zip(self._condition.names, values, strict=True)
+            self._values = {n: float(v[k]) for n, v in named if np.isfinite(v[k])}
             known_ns = round(self._verdict.known * 1e9) - points.start_ns
             self._announce(known_ns, self._result("fails", 0.0, whole=True))
 
@@ -141,6 +147,7 @@ class _Watched:
             result=verdict,
             expected=part.expected,
             at_s=self._verdict.at,
+            values=self._values,
         )
 
     def _announce(self, time_ns: int, result: AssertionResult) -> None:
@@ -154,9 +161,10 @@ class _Watched:
         self._collector.begun(RunEvent(time_ns, level, "assertion", subject, words))
 
 
-def _judged(condition: BoundExpression, reader: ValueReader, first: int, last: int) -> _Truths:
-    truths = np.asarray(condition(reader.read(first, last)), dtype=bool)
-    return np.broadcast_to(truths, (last - first,))
+def _judged(
+    condition: BoundExpression, values: Sequence[NDArray[np.float64]], count: int
+) -> _Truths:
+    return np.broadcast_to(np.asarray(condition(values), dtype=bool), (count,))
 
 
 class _Verdict(Protocol):

@@ -135,8 +135,7 @@ def _ended(state: Statement, outcome: RunOutcome) -> Iterator[tuple[str, object]
     if outcome.cause is not None:
         yield "cause", outcome.cause.words
     for each in sorted(outcome.assertions, key=lambda each: each.as_expected):
-        at = "" if each.at_s is None else f" at {each.at_s:g} s"
-        yield f"assertion {each.name or each.words}", each.summary + at
+        yield f"assertion {each.name or each.words}", each.summary + each.place
     for event in outcome.events[:_MOST_EVENTS]:
         yield f"{event.level} at {event.first_s:g} s", event.words
     if len(outcome.events) > _MOST_EVENTS:

@@ -12,7 +12,7 @@ import psutil
 import pytest
 from shared import fmu_store
 
-from cosim import run, run_async
+from cosim import DelaySystem, Scenario, run, run_async
 from cosim.core import InputError
 from cosim.scenario import RunResult
 from cosim.trace import RowsInMemory, Trace
@@ -168,3 +168,20 @@ def test_it_shows_itself_in_a_line_and_in_a_table(in_memory: RunResult) -> None:
     found = in_memory
     assert repr(found) == f"<RunResult {LINKED}: {found.headline} at 12 s, 62 signals>"
     assert "/plant/output" in found._repr_html_()
+
+
+@pytest.mark.parametrize("supervise", [True, False])
+def test_an_assertion_that_failed_has_the_values_of_what_it_names(supervise: bool) -> None:  # noqa: FBT001
+    """At the point that decided it; what holds, and what is not finite, has none."""
+    lag = Scenario(step=0.1, until=2).add("lag", DelaySystem([[-1.0]]), initial=[1.0])
+    found = run(
+        lag.require("lag.x[1] > 0.5", name="half").require("lag.x[1] > 0"), supervise=supervise
+    )
+    half, positive = found.assertions
+    x = found["lag.x[1]"]
+    at = int(np.flatnonzero(x.values <= 0.5)[0])
+    assert (half.result, half.at_s) == ("fails", x.delivered[at])
+    assert half.values == {"lag.x[1]": x.values[at]}
+    assert half.place == f" at 0.7 s: lag.x[1] = {x.values[at]:.4g}"
+    assert (positive.values, positive.place) == ({}, "")
+    assert found.to_json()["assertions"][0]["values"] == half.values

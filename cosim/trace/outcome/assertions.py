@@ -12,6 +12,8 @@ from cosim.trace.outcome.read_json import BY_EITHER_NAME, AsJson, as_text, or_el
 
 Result = Literal["holds", "fails", "undecided"]
 """How an assertion came out."""
+_MOST = 4
+"""Values that are said of one."""
 
 
 @dataclass(frozen=True, kw_only=True, config=BY_EITHER_NAME)
@@ -26,6 +28,7 @@ class AssertionResult(AsJson):
     expected : the expected result.
     at_s : when it was decided [s]: the first point that breaks an `always`, that fulfils an
         `eventually`, or from which a `within` was not fulfilled in time; else None.
+    values : of what it names, at the point where that was known; those that are finite.
     """
 
     words: Annotated[str, as_text(), Field(alias="assertion")]
@@ -33,12 +36,23 @@ class AssertionResult(AsJson):
     result: Result
     expected: Annotated[Literal["holds", "fails"], or_else("holds")] = "holds"
     at_s: Annotated[float | None, Field(allow_inf_nan=False), or_else(None)] = None
+    values: Annotated[dict[str, float], or_else({})] = Field(default_factory=dict)
 
     @computed_field  # type: ignore[prop-decorator] # as pydantic has it
     @property
     def as_expected(self) -> bool:
         """Whether the result is the expected one, or undecided."""
         return self.result in (self.expected, "undecided")
+
+    @property
+    def place(self) -> str:
+        """When it was decided and with which values, to stand behind the summary; "" if not."""
+        when = "" if self.at_s is None else f" at {self.at_s:g} s"
+        if not self.values or self.as_expected:
+            return when
+        listed = [f"{name} = {value:.4g}" for name, value in self.values.items() if name != "t"]
+        more = ", ..." if len(listed) > _MOST else ""
+        return f"{when}: {', '.join(listed[:_MOST])}{more}" if listed else when
 
     @property
     def summary(self) -> str:
