@@ -261,7 +261,7 @@ def fly(
     answer(
         as_json,
         flight.to_json,
-        lambda: flight_view(flight, outcome_view(flight.outcome)),
+        lambda: flight_view(flight, outcome_view(flight.outcome, details=True)),
     )
     exit_with(flight.outcome)
 
