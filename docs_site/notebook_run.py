@@ -62,6 +62,7 @@ def read(name: str) -> Any:
 
 def run_notebook(name: str, folder: Path) -> tuple[dict[str, Any], list[Cell]]:
     """Run every cell in `folder`; return the names at the end, and what each cell has shown."""
+    plt.close("all")  # those of whoever ran before in this process
     plt.switch_backend("Agg")
     names: dict[str, Any] = {}
     cells = read(name).cells

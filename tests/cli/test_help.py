@@ -113,12 +113,12 @@ def test_the_first_screen_is_followed_literally(tmp_path: Path) -> None:
     """Its commands one after the other, in an empty folder; the demo answers before it shows."""
     copied(fmu_store("native"), tmp_path / "fmus")
     lines = [line for line in EXAMPLE.findall(cosim(cwd=tmp_path).out) if "COMMAND" not in line]
-    shown = {}
+    printed_by = {}
     for line in lines:
         done = cosim(*words_of(line), cwd=tmp_path)
         assert done.code == 0, (line, done.err)
-        shown[line] = done.out.splitlines()
-    demo = shown["cosim demo"]
+        printed_by[line] = done.out.splitlines()
+    demo = printed_by["cosim demo"]
     assert demo[0].startswith("delay-aware: the guarantee holds for this run")
     assert demo[1].startswith("naive: the guarantee is not claimed")
     after = [line.strip() for line in demo[demo.index("next:") + 1 : demo.index("")]]

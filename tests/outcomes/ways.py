@@ -234,7 +234,7 @@ class Found:
         """How the run ended, by its summary, or by the message of an interrupted one; else ""."""
         for line in self.summary.splitlines():
             if " simulated in " in line:
-                return line.partition(" after ")[0]
+                return line.partition(": ")[2].partition(" after ")[0]
             if line.strip().startswith("got: stopped"):
                 return line.strip().removeprefix("got: ").partition(": ")[0]
         return ""
