@@ -113,3 +113,11 @@ def write(path: Path, text: str) -> None:
 def write_json(path: Path, data: Any) -> None:
     """Write a JSON file; raise InputError if that fails."""
     write(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
+
+
+def number_or_text(text: str) -> float | str:
+    """Return a number of the command line; another text, as one with a unit, as it is."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,8 +19,8 @@ from cosim.cli.common import (
 from cosim.cli.fmu_view import check_view, info_view, rule_view
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.packed_view import packed_view, plant_view, vehicle_plant_view
-from cosim.core import CheckFailedError, InputError, copy_whole, not_written
-from cosim.fmu import build_fmu, export as exports, inspect
+from cosim.core import CheckFailedError, InputError
+from cosim.fmu import export as exports, inspect
 from cosim.fmu.compiled import prebuilt_file
 from cosim.fmu.export import DEFAULT_FLAVOUR, Flavour
 
@@ -336,11 +335,7 @@ def _write_built_in(
             )
     ready = prebuilt_file(f"{flavour}/{component}.fmu")
     wanted = "prebuilt" if platforms == "all" and ready is not None else platforms
-    kind = exports.target_named(flavour, wanted)
-    with tempfile.TemporaryDirectory() as folder:
-        built = build_fmu(component, folder, kind.flavour, kind.platforms, prebuilt=kind.prebuilt)
-        with not_written("the FMU", target):
-            copy_whole(built, target)
+    exports.write_fmu(component, target, exports.target_named(flavour, wanted))
     binaries = [binary.folder for binary in inspect.inspect_fmu(target).binaries]
     answer(
         as_json,

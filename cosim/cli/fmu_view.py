@@ -79,7 +79,7 @@ def _findings(answer: dict[str, Any]) -> str:
 
 def _interface(model: dict[str, Any]) -> Iterator[RenderableType]:
     """Yield what can be connected and set: inputs, outputs, parameters."""
-    for causality in ("input", "output", "parameter", "structuralParameter"):
+    for causality, word in _WORDS.items():
         found = [v for v in model["interface"] if v["causality"] == causality]
         if not found:
             continue
@@ -94,7 +94,7 @@ def _interface(model: dict[str, Any]) -> Iterator[RenderableType]:
         ]
         if len(found) > _MOST:
             rows.append((Text(f"and {len(found) - _MOST} more: --json"), Text(), Text(), Text()))
-        title = counted(len(found), _WORDS[causality])
+        title = counted(len(found), word)
         yield table((title, "unit", "start", ""), rows)
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from cosim import master, scenario
+from cosim.cli.arguments import number_or_text
 from cosim.cli.common import (
     FMUS,
     TRACES,
@@ -166,7 +167,7 @@ def run(
         settings.append(f'log.level="{log_level}"')
     stops: dict[str, dict[str, Any]] = {}
     if until is not None:
-        stops[f"--until {until}"] = {"at": _seconds(until)}
+        stops[f"--until {until}"] = {"at": number_or_text(until)}
     if stop_when is not None:
         stops[f"--stop-when {stop_when!r}"] = {"when": stop_when}
     loaded = scenario.load(name, settings, stops)
@@ -244,11 +245,3 @@ def _check_step(
         raise typer.Exit(4)
     if tolerance is not None and check.verdict != "yes":
         raise typer.Exit(CheckFailedError.exit_code)
-
-
-def _seconds(text: str) -> float | str:
-    """Return a number of seconds as a float; other text is parsed later, as in a scenario."""
-    try:
-        return float(text)
-    except ValueError:
-        return text

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cosim import vehicle as vehicles
-from cosim.cli.arguments import write
+from cosim.cli.arguments import number_or_text, write
 from cosim.cli.common import (
     FMUS,
     FmusOption,
@@ -239,11 +238,11 @@ def fly(
     cosim run flights/bluerov2-heavy/scenario.toml
     """
     settings = vehicles.FlightSettings(
-        link=_seconds("--link", link),
+        link=seconds(number_or_text(link), "--link"),
         loss=loss,
         losses=losses,
-        duration=_seconds("--duration", duration),
-        step=_seconds("--step", step),
+        duration=seconds(number_or_text(duration), "--duration"),
+        step=seconds(number_or_text(step), "--step"),
         seed=seed,
     )
     craft = vehicles.load_vehicle(name)
@@ -264,10 +263,3 @@ def fly(
         lambda: flight_view(flight, outcome_view(flight.outcome, details=True)),
     )
     exit_with(flight.outcome)
-
-
-def _seconds(option: str, text: str) -> float:
-    """Return a time of the command line in seconds: 2, 2s, '800 ms', 3min."""
-    with suppress(ValueError):
-        return float(text)
-    return seconds(text, option)

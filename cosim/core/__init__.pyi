@@ -86,6 +86,7 @@ from .part import (
     Text as Text,
 )
 from .pictures import (
+    axes_or_new as axes_or_new,
     drawing as drawing,
     pyplot as pyplot,
     save_picture as save_picture,

@@ -21,6 +21,11 @@ def drawing() -> Any:
     return optional("matplotlib.pyplot", extra="plot", what="plots need matplotlib")
 
 
+def axes_or_new(ax: Any) -> Any:
+    """Return the axes that are given, or new ones in a figure of their own."""
+    return drawing().subplots(layout="constrained")[1] if ax is None else ax
+
+
 def save_picture(figure: Any, target: Path, dpi: int = 110) -> Path:
     """Write a figure to a file, and the folders it needs.
 

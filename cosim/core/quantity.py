@@ -125,11 +125,6 @@ def quantity_in(text: str, wanted: Dimension) -> float:
     return found.si
 
 
-def seconds_in(text: str) -> float:
-    """Return a time in seconds: "2s", "800 ms", "3 min"; a QuantityError for anything else."""
-    return quantity_in(text, TIME)
-
-
 Seconds = float | str
 """A time: a number of seconds, or a text with a unit, as "50 ms"."""
 
@@ -142,7 +137,7 @@ def seconds(value: Seconds, where: str) -> float:
     InputError : anything else, at `where`.
     """
     try:
-        return seconds_in(value) if isinstance(value, str) else float(value)
+        return quantity_in(value, TIME) if isinstance(value, str) else float(value)
     except (TypeError, ValueError) as error:
         words = str(error) if isinstance(error, QuantityError) else None
         raise InputError(

@@ -21,13 +21,12 @@ class UnitBase(NamedTuple):
     offset: float = 0.0
 
     @classmethod
-    def of(cls, attributes: Mapping[str, str]) -> UnitBase:
+    def of(cls, attributes: Mapping[str, str] | Mapping[str, int]) -> UnitBase:
         """Read the attributes of a BaseUnit; `ValueError` for what are no numbers."""
-        exponents = tuple(int(attributes.get(base, "0")) for base in BASES)
-        factor, offset = (
-            float(attributes.get(*each)) for each in (("factor", "1"), ("offset", "0"))
+        exponents = tuple(int(attributes.get(base, 0)) for base in BASES)
+        return cls(
+            exponents, float(attributes.get("factor", 1)), float(attributes.get("offset", 0))
         )
-        return cls(exponents, factor, offset)
 
     def attributes(self) -> dict[str, str]:
         """Return the attributes of a BaseUnit that are not the usual ones."""

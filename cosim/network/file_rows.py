@@ -5,14 +5,13 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator, Sequence
 from decimal import ROUND_HALF_EVEN, Context, Decimal, InvalidOperation
-from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import InputError, optional as optional_package
+from cosim.core import AnyPath, InputError, optional as optional_package
 from cosim.network.checks import MAX_NS
 
 _MAGIC = b"PAR1"
@@ -25,7 +24,7 @@ _LARGEST = Decimal(MAX_NS).scaleb(-9)
 class Row(NamedTuple):
     """A row of a file: its place, and its cells in the columns wanted ("" where none)."""
 
-    path: str | PathLike[str]
+    path: AnyPath
     place: str
     cells: dict[str, str]
 
@@ -80,7 +79,7 @@ class Row(NamedTuple):
 
 
 def read_rows(
-    path: str | PathLike[str],
+    path: AnyPath,
     required: Sequence[str],
     optional: Sequence[str] = (),
     *,
@@ -123,7 +122,7 @@ def read_rows(
 
 
 def read_columns(
-    path: str | PathLike[str], time: str, delay: str
+    path: AnyPath, time: str, delay: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Read the columns of times and delays [ns], int64 (n,) each; times increase.
 
@@ -156,7 +155,7 @@ def read_columns(
     return np.array(times, np.int64), np.array(delays, np.int64)
 
 
-def no_rows(path: str | PathLike[str], expected: str) -> InputError:
+def no_rows(path: AnyPath, expected: str) -> InputError:
     """Return the error for a file with a header and nothing else."""
     return InputError(
         "the file contains no sample",
@@ -226,7 +225,7 @@ def _lines(path: Path) -> Iterator[tuple[str, list[str]]]:
         ) from error
 
 
-def _missing(path: str | PathLike[str], place: str, name: str, names: list[str]) -> InputError:
+def _missing(path: AnyPath, place: str, name: str, names: list[str]) -> InputError:
     where = f"{path}, {place}"
     if name in names:
         return InputError(f"there are several columns {name!r}", where=where, expected="one")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from os import PathLike
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import InputError
+from cosim.core import AnyPath, InputError
 from cosim.network.checks import MAX_NS, check_choice
 from cosim.network.file_rows import read_columns
 
@@ -96,7 +95,7 @@ class DelayProfile:
     @classmethod
     def from_csv(
         cls,
-        path: str | PathLike[str],
+        path: AnyPath,
         *,
         time: str = "time",
         delay: str = "delay",

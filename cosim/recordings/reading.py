@@ -21,12 +21,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
-from cosim.core import InputError, counted, not_written, write_whole
+from cosim.core import AnyPath, InputError, counted, not_written, write_whole
 from cosim.network import IN_FLIGHT_NS, Recording, Row, no_rows, read_rows
 from cosim.recordings.from_mcap import is_mcap, recordings_in
 from cosim.recordings.lost_messages import with_due
@@ -44,7 +43,7 @@ _OPTIONAL = (
 _LOST = {"": False, "0": False, "false": False, "1": True, "true": True}
 
 
-def read_recordings(path: str | PathLike[str]) -> dict[str, Recording]:
+def read_recordings(path: AnyPath) -> dict[str, Recording]:
     """Read the recordings in a CSV, Parquet or MCAP file, by the name of the link.
 
     The name is "" in a file of rows without the column `node`; in an MCAP file that is no trace the
@@ -80,9 +79,7 @@ def read_recordings(path: str | PathLike[str]) -> dict[str, Recording]:
     return {name: each.recording() for name, each in found.items()}
 
 
-def read_recording(
-    path: str | PathLike[str], node: str | None = None, default: str | None = None
-) -> Recording:
+def read_recording(path: AnyPath, node: str | None = None, default: str | None = None) -> Recording:
     """Read one recording; of a file with several, that of `node`, or of `default` if it is there.
 
         >>> from pathlib import Path
@@ -117,7 +114,7 @@ def read_recording(
     return found[name] if name is not None else next(iter(found.values()))
 
 
-def write_recordings(path: str | PathLike[str], recordings: Mapping[str, Recording]) -> None:
+def write_recordings(path: AnyPath, recordings: Mapping[str, Recording]) -> None:
     """Write recordings as a CSV file for `read_recordings`; with `node` if there are several.
 
         >>> from cosim.network import Recording

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError, Progress, silent
+from cosim.core import AnyPath, InputError, Progress, silent
 from cosim.fmu import FmuDescription, describe_fmu
 from cosim.fmu.export import spec_of
 from cosim.master import (
@@ -75,9 +75,9 @@ class InjectionResult:
 
 
 def inject(
-    path: str | PathLike[str],
+    path: AnyPath,
     into: Any,
-    output: str | PathLike[str],
+    output: AnyPath,
     request: InjectionRequest | None = None,
     *,
     progress: Progress | None = None,
@@ -186,7 +186,7 @@ def _described(into: Any) -> FmuDescription:
         return into
     if isinstance(into, str | PathLike):
         return describe_fmu(Path(into))
-    return FmuCache(Path("fmus"), Path.cwd()).made(spec_of(into, "injected"), "into")
+    return FmuCache(Path("fmus")).made(spec_of(into, "injected"), "into")
 
 
 def _routed(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from os import PathLike
 from pathlib import Path
 
+from cosim.core import AnyPath
 from cosim.hinf import Result
 from cosim.replay.trace_attachments import design_in, scenario_in
 from cosim.scenario import Scenario
@@ -12,7 +12,7 @@ from cosim.trace import Trace
 from cosim.trace.rows import DESIGN_ATTACHMENT
 
 
-def scenario_of(trace: str | PathLike[str]) -> Scenario:
+def scenario_of(trace: AnyPath) -> Scenario:
     """Return the scenario of a trace, with the design that it flew.
 
         >>> from cosim import DelaySystem, Scenario, run, scenario_of

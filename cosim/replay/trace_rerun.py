@@ -103,7 +103,7 @@ def rerun(
     InputError : not a trace of ours, or an FMU that cannot be found.
     """
     path, output = Path(path), None if output is None else Path(output)
-    fmu_cache = fmu_cache or FmuCache(Path("fmus"), Path.cwd())
+    fmu_cache = fmu_cache or FmuCache(Path("fmus"))
     trace = Trace(path)
     before = content_hash(path)
     prepared = _prepared(trace, path, fmu_cache, progress)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import asyncio
 import threading
 from contextlib import suppress
-from os import PathLike
 from typing import Any
 
-from cosim.core import Progress, StoppedError
+from cosim.core import AnyPath, Progress, StoppedError
 from cosim.scenario.in_python import Scenario
 from cosim.scenario.python_api import run
 from cosim.scenario.run_result import RunResult
@@ -16,8 +15,8 @@ from cosim.scenario.schema import ScenarioPart
 
 
 async def run_async(
-    scenario: str | PathLike[str] | Scenario | ScenarioPart,
-    trace: str | PathLike[str] | None = None,
+    scenario: AnyPath | Scenario | ScenarioPart,
+    trace: AnyPath | None = None,
     *,
     progress: Progress | None = None,
     **options: Any,

@@ -16,6 +16,7 @@ from typing import Any, Self
 import tomli_w
 
 from cosim.core import (
+    AnyPath,
     InputError,
     Layer,
     cache_folder,
@@ -91,7 +92,7 @@ class Scenario:
         self._objects: dict[str, tuple[Any, dict[str, Any]]] = {}
 
     @classmethod
-    def load(cls, name_or_path: str | PathLike[str]) -> Self:
+    def load(cls, name_or_path: AnyPath) -> Self:
         """Read a built-in scenario by name, or a TOML file.
 
         Raises
@@ -220,7 +221,7 @@ class Scenario:
         """Return the tables, as TOML has them; components that are objects without `fmu`."""
         return copy.deepcopy(self._data)
 
-    def save(self, path: str | PathLike[str], *, flavour: Flavour = DEFAULT_FLAVOUR) -> Path:
+    def save(self, path: AnyPath, *, flavour: Flavour = DEFAULT_FLAVOUR) -> Path:
         """Write the scenario as TOML; objects become files beside it. Return its path.
 
         Raises

@@ -5,11 +5,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, Progress, default_method, say_once
+from cosim.core import AnyPath, InputError, Progress, default_method, say_once
 from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.master import EngineName, Observer, Pace
 from cosim.scenario.execute import assembled_system, execute_recorded, execute_unrecorded
@@ -31,11 +30,11 @@ FMUS = Path("fmus")
 
 
 def run(
-    scenario: str | PathLike[str] | Scenario | ScenarioPart,
-    trace: str | PathLike[str] | None = None,
+    scenario: AnyPath | Scenario | ScenarioPart,
+    trace: AnyPath | None = None,
     *,
     settings: Sequence[str] = (),
-    fmus: str | PathLike[str] = FMUS,
+    fmus: AnyPath = FMUS,
     flavour: str = DEFAULT_FLAVOUR,
     engine: EngineName = "auto",
     pace: Pace | None = None,
@@ -103,10 +102,10 @@ def run(
 
 @contextmanager
 def open_session(
-    scenario: str | PathLike[str] | Scenario | ScenarioPart,
+    scenario: AnyPath | Scenario | ScenarioPart,
     *,
     settings: Sequence[str] = (),
-    fmus: str | PathLike[str] = FMUS,
+    fmus: AnyPath = FMUS,
     flavour: str = DEFAULT_FLAVOUR,
     engine: EngineName = "auto",
     observers: Sequence[Observer] = (),
@@ -158,9 +157,9 @@ def open_session(
 
 
 def _prepared(
-    scenario: str | PathLike[str] | Scenario | ScenarioPart,
+    scenario: AnyPath | Scenario | ScenarioPart,
     settings: Sequence[str],
-    fmus: str | PathLike[str],
+    fmus: AnyPath,
     flavour: str,
 ) -> PreparedScenario:
     if isinstance(scenario, ScenarioPart):

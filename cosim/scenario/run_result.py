@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from os import PathLike
 from pathlib import Path
 from typing import Self
 
-from cosim.core import InputError, Seconds
+from cosim.core import AnyPath, InputError, Seconds
 from cosim.scenario.outcome import Outcome
 from cosim.trace import Diff, Recorded, Table, TopicInfo, Trace, diff
 
@@ -65,7 +64,7 @@ class RunResult(Outcome, Recorded):
         """Read several topics, as `Trace.read_all`."""
         return self._kept().read_all(topics, start=start, end=end)
 
-    def diff(self, other: str | PathLike[str] | RunResult) -> Diff:
+    def diff(self, other: AnyPath | RunResult) -> Diff:
         """Compare the trace of this run with another one; see `cosim.trace.diff`.
 
         Raises

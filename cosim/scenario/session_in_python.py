@@ -49,13 +49,6 @@ class Session:
     def __repr__(self) -> str:
         return f"<Session: {self.status or 'not open'} at {self.time:g} s, {self.rows} rows>"
 
-    def __enter__(self) -> Self:
-        self._session.check_open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def close(self) -> None:
         """End the components; the end of the `with` block does the same."""
         self._session.close()

@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Iterable, Mapping
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from cosim.core import InputError, Layer, Origin, Progress, optional, valid
+from cosim.core import AnyPath, InputError, Layer, Origin, Progress, optional, valid
 from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.scenario import Scenario, load
 from cosim.study.running import FMUS, run_study
@@ -21,13 +20,13 @@ METRICS = {"headline": "headline", "gain": "metrics.gain", "gamma": "metrics.gam
 
 
 def sweep(
-    scenario: str | PathLike[str] | Scenario,
+    scenario: AnyPath | Scenario,
     grid: Mapping[str, Any],
     metrics: Mapping[str, Any] | None = None,
     *,
     workers: int | str = 1,
-    out: str | PathLike[str] | None = None,
-    fmus: str | PathLike[str] = FMUS,
+    out: AnyPath | None = None,
+    fmus: AnyPath = FMUS,
     flavour: str = DEFAULT_FLAVOUR,
     limits: Iterable[str] = (),
     progress: Progress | None = None,

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cosim.core import at_most, counted
+from cosim.core import AnyPath, at_most, counted
 from cosim.trace.info import describe
 from cosim.trace.rows.layout import parsed_json
 
@@ -33,7 +32,7 @@ class Citation(NamedTuple):
         return self._asdict()
 
 
-def cite(path: str | PathLike[str]) -> Citation:
+def cite(path: AnyPath) -> Citation:
     """Return the citation of the run in a trace; nothing is stated that the trace does not say.
 
     Raises

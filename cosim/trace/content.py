@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from os import PathLike
 
 import numpy as np
 
+from cosim.core import AnyPath
 from cosim.trace.digest import ContentDigest
 from cosim.trace.file.block import HEAD, Records, in_order
 from cosim.trace.file.declared import Channel
@@ -22,7 +22,7 @@ from cosim.trace.rows.encode import RowEncoder
 from cosim.trace.rows.layout import LOG_TOPIC, in_fixed_width
 
 
-def content_hash(path: str | PathLike[str], *, incomplete: bool | None = None) -> str:
+def content_hash(path: AnyPath, *, incomplete: bool | None = None) -> str:
     """Return the content hash of a trace as 64 hexadecimal digits.
 
         >>> from cosim import DelaySystem, Scenario, run

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from cosim.core import CosimError, InputError
+from cosim.core import AnyPath, CosimError, InputError
 from cosim.trace.checks.verification import verify
 from cosim.trace.content import content_hash_of
 from cosim.trace.outcome.run_outcome import outcome_of
@@ -26,7 +25,7 @@ MOST_HASHED_BYTES = 2**26
 
 
 def describe(
-    path: str | PathLike[str], *, incomplete: bool | None = True, hashed: bool | None = None
+    path: AnyPath, *, incomplete: bool | None = True, hashed: bool | None = None
 ) -> dict[str, Any]:
     """Summarise a trace as JSON values (no NaN; None for what is absent).
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cosim.core import InputError, LossError, Seconds
+from cosim.core import AnyPath, InputError, LossError, Seconds
 from cosim.trace.file.contents import Segment
 from cosim.trace.file.contents_scan import by_scan
 from cosim.trace.file.declared import Channel
@@ -84,7 +83,7 @@ class Trace(Recorded):
 
     def __init__(
         self,
-        path: str | PathLike[str],
+        path: AnyPath,
         *,
         incomplete: bool | None = None,
         by_summary: bool = False,

@@ -243,8 +243,9 @@ class Recorded(Framed):
         InputError : no such link.
         """
         delivered, lost = self.delivered(link), layout.dropped_topic(link)
-        dropped = self.read(lost) if lost in self.topics else None
         metadata = self.topics[layout.link_topic(link)].metadata
+        replaced = metadata.get("on_loss", "hold") != "hold" and lost in self.topics
+        dropped = self.read(lost) if replaced else None
         return traffic.age_in_use(delivered, dropped, metadata, at)
 
     def delivered(self, link: str) -> Table:

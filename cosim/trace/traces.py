@@ -12,7 +12,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, overload
 
-from cosim.core import InputError, Seconds, optional
+from cosim.core import AnyPath, InputError, Seconds, optional
 from cosim.trace.reader import Trace
 from cosim.trace.rows import layout
 from cosim.trace.tables.column import Align, Between, Joined
@@ -57,7 +57,7 @@ class Traces(Framed, Sequence[Trace]):
     LossError : as in `Trace`.
     """
 
-    def __init__(self, *where: str | PathLike[str], incomplete: bool | None = None) -> None:
+    def __init__(self, *where: AnyPath, incomplete: bool | None = None) -> None:
         for one in where:
             if not isinstance(one, str | PathLike):
                 raise InputError(

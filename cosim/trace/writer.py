@@ -13,14 +13,13 @@ import struct
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
-from cosim.core import CosimError, InputError
+from cosim.core import AnyPath, CosimError, InputError
 from cosim.trace.digest import ContentDigest
 from cosim.trace.file import process_exit
 from cosim.trace.file.block import HEAD, Records, in_order
@@ -91,7 +90,7 @@ class TraceWriter:
 
     def __init__(
         self,
-        path: str | PathLike[str],
+        path: AnyPath,
         *,
         run: Mapping[str, str],
         attachments: Sequence[Attachment] = (),

@@ -75,8 +75,8 @@ def target_named(flavour: Flavour, platforms: str) -> FmuTarget:
     return FmuTarget(flavour, platforms_named(platforms, "prebuilt"), prebuilt=False)
 
 
-def write_fmu(spec: ComponentSpec, path: Path, kind: FmuTarget) -> None:
-    """Write the FMU of a component; the same content gives the same bytes.
+def write_fmu(component: str | ComponentSpec, path: Path, kind: FmuTarget) -> None:
+    """Write the FMU of a component, as `build_fmu`; the same content gives the same bytes.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def write_fmu(spec: ComponentSpec, path: Path, kind: FmuTarget) -> None:
         tempfile.TemporaryDirectory(prefix="fmu-", dir=own_folder()) as folder,
     ):
         built = build_fmu(
-            *(spec, Path(folder, "fmu"), kind.flavour, kind.platforms),
+            *(component, Path(folder, "fmu"), kind.flavour, kind.platforms),
             prebuilt=kind.prebuilt,
             clocked=kind.clocked,
         )

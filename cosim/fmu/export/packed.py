@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from cosim.core import InputError
+from cosim.core import AnyPath, InputError
 from cosim.fmu.export.catalogue import CATALOGUE
 from cosim.fmu.export.controller import controller_spec
 from cosim.fmu.export.flavours import FMI_VERSION, Flavour
@@ -94,7 +93,7 @@ _PACKED: tuple[tuple[Any, Sequence[str], Callable[..., ComponentSpec]], ...] = (
 
 def pack(
     what: Any,
-    path: str | PathLike[str],
+    path: AnyPath,
     *,
     name: str | None = None,
     flavour: Flavour = "native",

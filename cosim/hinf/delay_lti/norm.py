@@ -70,7 +70,7 @@ def gain_at(loop: Response, omega: Any) -> Reals:
 
     Parameters
     ----------
-    loop : with w and z; or a `DelayLTI`.
+    loop : with w and z.
     omega : frequencies [rad/s], any shape; infinity gives |D1|.
 
     Returns
@@ -235,7 +235,7 @@ def hinf_norm(loop: ClosedLoop | Blocks, roots: Roots | None = None) -> NormResu
 
     Parameters
     ----------
-    loop : with w and z.
+    loop : with w and z; or a `DelayLTI`.
     roots : its rightmost characteristic roots, `ROOTS` of them, if they are known.
 
     Returns

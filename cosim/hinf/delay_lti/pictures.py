@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.core import drawing
+from cosim.core import axes_or_new, drawing
 from cosim.hinf.delay_lti.roots import Roots
 
 _GRID = {"alpha": 0.3}
@@ -17,13 +17,9 @@ _SEEN = 0.1  # share of the greatest magnitude down to which the phase is shown
 _FARTHEST = 4.0  # of a Nyquist curve that is shown, where it goes to infinity
 
 
-def _axes(ax: Any) -> Any:
-    return ax if ax is not None else drawing().subplots(layout="constrained")[1]
-
-
 def draw_time(response: Any, ax: Any = None) -> Any:
     """Draw a `TimeResponse`; return the axes."""
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     y = response.outputs
     if y.ndim == 1:
         lines = [(y, "")]
@@ -99,7 +95,7 @@ def _lowest_phase(response: Any, lower: Any, phase: Any) -> None:
 
 def draw_nyquist(response: Any, ax: Any = None) -> Any:
     """Draw the curve of a `Nyquist`, its mirror image and -1; return the axes."""
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     x, y = response.response.real, response.response.imag
     (line,) = ax.plot(x, y, lw=1.5)
     ax.plot(x, -y, lw=1.0, ls="--", color=line.get_color())
@@ -122,7 +118,7 @@ def draw_nyquist(response: Any, ax: Any = None) -> Any:
 
 def draw_roots(roots: Roots, ax: Any = None) -> Any:
     """Draw characteristic roots; return the axes."""
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     ax.axvline(0.0, color=_GREY, lw=0.8)
     ax.axhline(0.0, color=_GREY, lw=0.8)
     right = roots.real >= 0.0

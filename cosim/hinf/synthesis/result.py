@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
-from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -20,6 +19,7 @@ import numpy as np
 
 from cosim.core import (
     DESIGN_FILE,
+    AnyPath,
     InputError,
     format_value,
     html_table,
@@ -234,7 +234,7 @@ class Result(delay_lti.HasFigures, Value):
         self._require_certificate()
         return {**self.certificate, "figures": figures_to_json(self.least_gamma, self.figures)}
 
-    def save(self, path: str | PathLike[str]) -> Path:
+    def save(self, path: AnyPath) -> Path:
         """Write the design to a JSON file, as `cosim design --save`; return its path.
 
         Raises
@@ -251,7 +251,7 @@ class Result(delay_lti.HasFigures, Value):
         return json.dumps(DESIGN_FILE.stamped(self.to_json()), indent=1, allow_nan=False) + "\n"
 
     @classmethod
-    def load(cls, path: str | PathLike[str]) -> Self:
+    def load(cls, path: AnyPath) -> Self:
         """Read a design from its file, and check its proof again.
 
         Raises

@@ -13,10 +13,7 @@ from cosim.scenario.ssp.names import tag
 
 def units_of(system: System, warnings: list[str]) -> dict[str, UnitBase]:
     """Return the units that variables have; warn of FMUs that define one differently."""
-    found = {
-        name: UnitBase.of({base: str(exponent) for base, exponent in exponents.items()})
-        for name, exponents in UNITS.items()
-    }
+    found = {name: UnitBase.of(exponents) for name, exponents in UNITS.items()}
     used: set[str] = {"s"}
     for component_name, component in system.components.items():
         used |= {p.unit for p in component.description.ports.values() if p.unit is not None}

@@ -11,8 +11,8 @@ import hashlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from os import PathLike
 
+from cosim.core import AnyPath
 from cosim.trace.comparison.compared_rows import Seen, SignalDiff, TopicDiff, in_step
 from cosim.trace.comparison.context import Context, context_of
 from cosim.trace.comparison.links import LinkDiff, links_of
@@ -80,8 +80,8 @@ class Diff:
 
 
 def diff(
-    a: str | PathLike[str],
-    b: str | PathLike[str],
+    a: AnyPath,
+    b: AnyPath,
     tolerances: Tolerances | None = None,
     *,
     prefix: bool = False,

@@ -293,7 +293,7 @@ def _rows(table: Table, names: list[str] | None, *, nanoseconds: bool) -> Sheet:
             columns.append(Column(name, "ns", None, times, everywhere))
     taken = {column.name for column in columns}
     own = [
-        table.column(name, name if name not in taken else f"{name}_2")
+        table.column(name, full_name=f"{name}_2" if name in taken else None)
         for name in (table.columns if names is None else names)
     ]
     return Sheet(table.topic, [*columns, *own])
@@ -315,6 +315,6 @@ def _wide(
             table = tables[topic].after(in_force.get(topic))
             for name in table.columns if names is None else names:
                 full_name = full.get((topic, name), f"{topic}:{name}")
-                columns.append(table.column(name, full_name, base))
+                columns.append(table.column(name, base, full_name=full_name))
             in_force[topic] = table.in_force()
         yield Sheet(None, columns)

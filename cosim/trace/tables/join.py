@@ -31,5 +31,5 @@ def joined(
     for topic, name in wanted:
         for own in [name] if name is not None else tables[topic].columns:
             full_name = full.get((topic, own), f"{topic}:{own}")
-            columns[full_name] = tables[topic].column(own, full_name, base, between)
+            columns[full_name] = tables[topic].column(own, base, between, full_name=full_name)
     return Joined(where, base, list(columns.values()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from cosim.core import InputError, drawing
+from cosim.core import InputError, axes_or_new, drawing
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,8 +32,7 @@ def draw_series(
     """
     if values.dtype.kind not in "fiub":
         raise InputError("texts cannot be drawn as a curve", where=ylabel)
-    if ax is None:
-        ax = drawing().subplots(layout="constrained")[1]
+    ax = axes_or_new(ax)
     style = {"drawstyle": "steps-post"} if stepwise else {}
     columns = values.reshape(values.shape[0], -1).T
     for column, label in zip(columns, labels, strict=True):

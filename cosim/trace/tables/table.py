@@ -102,9 +102,9 @@ class Table(Framed):
         _check(between)
         if not (isinstance(align, str) and align == "union"):
             base = time_base(align, {rows.topic: rows.log_time_ns}, [rows.log_time_ns])
-            columns = [rows.column(name, name, base, between) for name in names]
+            columns = [rows.column(name, base, between) for name in names]
             return {}, [Joined(f"topic {rows.topic}", base, columns)]
-        columns = [rows.column(name, name) for name in names]
+        columns = [rows.column(name) for name in names]
         if what is None and (rows.log_time_ns != rows.publish_time_ns).any():
             everywhere = np.ones(len(rows), np.bool_)
             columns.insert(0, Column("sent_s", "s", "time of sending", rows.sent, everywhere))
@@ -123,9 +123,14 @@ class Table(Framed):
         return list(found)
 
     def column(
-        self, name: str, full_name: str, base: Integers | None = None, between: Between = "hold"
+        self,
+        name: str,
+        base: Integers | None = None,
+        between: Between = "hold",
+        *,
+        full_name: str | None = None,
     ) -> Column:
-        """Return a column under another name: its rows, or its values at instants [ns].
+        """Return a column, under another name if given: its rows, or its values at instants [ns].
 
         Raises
         ------
@@ -140,7 +145,7 @@ class Table(Framed):
                 values, there = interpolated(values, times, base)
             else:
                 values, there = sample_and_hold(values, rows_in_force(times, base))
-        return Column(full_name, signal.unit, signal.description, values, there)
+        return Column(full_name or name, signal.unit, signal.description, values, there)
 
     def within(self, start: Seconds | None, end: Seconds | None) -> Table:
         """Return the rows delivered in a window [s], both ends included; None is no bound."""

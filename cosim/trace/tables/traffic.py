@@ -25,7 +25,8 @@ def age_in_use(
 
     Parameters
     ----------
-    delivered, dropped : the messages of a link; those dropped with the `reason`.
+    delivered : the messages of a link.
+    dropped : those that it dropped, with the `reason`; None where a lost value is held.
     metadata : of the topic of those delivered.
     at : instants [s]; by default just before and at each delivery, the corners of the sawtooth,
         from the first delivery on.
@@ -87,8 +88,7 @@ def _substituted(
     if oldest := int(metadata.get(GREATEST_AGE, "0")):
         there = rows >= 0
         substituted[there] = at_ns[there] - delivered.publish_time_ns[rows[there]] >= oldest
-    holds = metadata.get("on_loss", "hold") == "hold"
-    if holds or dropped is None or not len(delivered):
+    if dropped is None or not len(delivered):
         return substituted
     lost = dropped.part(np.isin(dropped["reason"], NOTICED_REASONS))
     last = rows_in_force(lost.log_time_ns, at_ns)
