@@ -9,7 +9,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from cosim import core, hinf
-from cosim.cli.age_view import age_json, age_view, draw_ages
+from cosim.cli.age_view import age_json, age_line, age_view, draw_ages
 from cosim.cli.arguments import gain_from, named_problem, numbers
 from cosim.cli.common import (
     JsonOption,
@@ -147,6 +147,8 @@ def age(
         as_json,
         lambda: age_json(name, found, modem, picture),
         lambda: age_view(name, found, modem),
+        line=age_line(name, found),
+        tone="good" if found.limits[0].age else "open",
     )
 
 

@@ -64,6 +64,19 @@ def age_json(
     }
 
 
+def age_line(name: str, found: hinf.MessageAges) -> str:
+    """Say how old the messages of a loop may be, by what was assumed of their age."""
+    goal = "stable" if found.gamma is None else f"gamma {found.gamma:g}"
+    limits: dict[str, str] = {
+        one.assumption: _age(one) for one in found.limits if one.assumption != "exact"
+    }
+    words = {"any": "however their age varies", "sampled": "sampled", "constant": "of constant age"}
+    each = [f"{limits[key]} {words[key]}" for key in words if limits.get(key, NONE) != NONE]
+    if not each:
+        return f"{name}: no age of its messages is certified ({goal})"
+    return f"{name}: certified ({goal}) with messages up to {'; '.join(each)}"
+
+
 def age_view(
     name: str, found: hinf.MessageAges, modem: hinf.problem.Modem | None
 ) -> RenderableType:

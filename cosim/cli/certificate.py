@@ -12,8 +12,9 @@ from rich.text import Text
 
 from cosim import hinf, replay
 from cosim.cli.arguments import AUTO, named_problem, order_of, write
-from cosim.cli.certificate_view import certificate_view, system_facts
+from cosim.cli.certificate_view import certificate_line, certificate_view, system_facts
 from cosim.cli.common import (
+    DetailsOption,
     JsonOption,
     answer,
     output_file,
@@ -21,7 +22,8 @@ from cosim.cli.common import (
 )
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.result_json import result_json
-from cosim.cli.result_view import result_view
+from cosim.cli.result_view import result_view, verdict
+from cosim.cli.terminal import typed
 from cosim.core import CheckFailedError, at_most
 from cosim.models import DelaySystem
 
@@ -44,15 +46,16 @@ def check(
             "name of a scenario, or a system FILE.toml."
         ),
     ] = None,
+    details: DetailsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Prove the claim of a certificate again from the file alone: no solver, no rounding.
 
-    The output names the system that the certificate is about, the theorem with all its
-    hypotheses, and the entries of the file that nothing proves (figures, names). With --system,
-    every matrix, delay and age is compared, entry by entry. For a controller FMU or a trace, the
-    command also checks that the certificate is about the gain in it: the start values of K[i,j],
-    or the gain that the run used.
+    The output names the system that the certificate is about, and the entries of the file that
+    nothing proves (figures, names); with --details the theorem with all its hypotheses. With
+    --system, every matrix, delay and age is compared, entry by entry. For a controller FMU or a
+    trace, the command also checks that the certificate is about the gain in it: the start values
+    of K[i,j], or the gain that the run used.
 
     Exit code 0: the claim is proved, and about that system; 1: it is not; 2: there is no
     certificate.
@@ -86,7 +89,10 @@ def check(
             "compared_with": system,
             "differences": apart,
         },
-        lambda: certificate_view(str(file), checked, found, own, theorem, system, apart),
+        lambda: certificate_view(checked, found, own, theorem if details else [], system, apart),
+        line=certificate_line(str(file), checked),
+        tone="good" if checked.valid else "bad",
+        then=() if details else (typed("certificate check", file, "--details"),),
     )
     if not checked.valid:
         raise typer.Exit(CheckFailedError.exit_code)
@@ -160,6 +166,7 @@ def prove(
             | {"gamma_before": before.gamma, "not_proved_again": lost}
         ),
         lambda: Group(result_view(file.stem, found), *_beside(before, lost)),
+        **verdict(file.stem, found, save),
     )
 
 

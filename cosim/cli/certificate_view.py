@@ -23,8 +23,16 @@ _WHOSE = {
 }
 
 
+def certificate_line(file: str, certificate: hinf.CertificateCheck) -> str:
+    """Say whether a certificate proves its claim, and what that is."""
+    if not certificate.valid:
+        return f"not proved: {file}: {certificate.reason}"
+    gamma = certificate.claim["gamma"]
+    bound = "" if gamma is None else f"; gamma {_bound(certificate.claim)}"
+    return f"proved: {file}: {certificate.claim['property']}{bound}"
+
+
 def certificate_view(
-    file: str,
     certificate: hinf.CertificateCheck,
     found: replay.EmbeddedCertificate,
     system: DelaySystem,
@@ -32,15 +40,11 @@ def certificate_view(
     compared_with: str | None,
     differences: list[str] | None,
 ) -> RenderableType:
-    """Show the check of a certificate: proved or not, of what, the claim, and for which gain.
+    """Show what a certificate is about, its claim, and for which gain it holds.
 
+    theorem : its sentences; none are shown where there are none.
     compared_with, differences : the system of --system, and where it is another; or None.
     """
-    verdict = (
-        Text.assemble(("proved", "bold green"), f": {file}")
-        if certificate.valid
-        else Text.assemble(("not proved", "bold red"), f": {file}\n  {certificate.reason}")
-    )
     gain = ("gain", "K in the certificate", _WHOSE[found.container])
     rows = facts(
         *_about(system, compared_with, differences),
@@ -48,8 +52,9 @@ def certificate_view(
         *[gain] * ("K" in found.data),  # a refutation is about every gain
         *_rest(certificate.not_read, f"{found.sha256}"),
     )
-    sentences = Text("theorem\n" + "\n".join(f"  {text}" for text in theorem))
-    return Group(verdict, rows, sentences)
+    if not theorem:
+        return rows
+    return Group(rows, Text("theorem\n" + "\n".join(f"  {text}" for text in theorem)))
 
 
 def _about(
@@ -70,10 +75,8 @@ def _about(
 def _claim(claim: Any) -> Iterator[tuple[str, str, str]]:
     yield "claim", claim["property"], ""
     yield "condition", condition_of(claim), ""
-    gamma, refuted = claim["gamma"], not claim["property"].startswith("stability")
-    if gamma is not None:
-        bound = at_least(gamma) if refuted else at_most(gamma)
-        yield "gamma", bound, "rounded here, exact in the file"
+    if claim["gamma"] is not None:
+        yield "gamma", _bound(claim), "rounded here, exact in the file"
     for name in (name for name in ("k1", "k2") if name in claim):
         yield name, ", ".join(f"{float(Fraction(x)):g}" for x in claim[name]), ""
     for i, delay in enumerate(claim["delays"], 1):
@@ -92,6 +95,12 @@ def _claim(claim: Any) -> Iterator[tuple[str, str, str]]:
         if "within" in more:
             formatted += f" within {at_least(more['within'])} 1/s"
         yield name.replace("_", " "), formatted, more["property"]
+
+
+def _bound(claim: Any) -> str:
+    """Return gamma, rounded to the side on which the claim stays true."""
+    refuted = not claim["property"].startswith("stability")
+    return at_least(claim["gamma"]) if refuted else at_most(claim["gamma"])
 
 
 def _rest(not_read: Any, sha256: str) -> Iterator[tuple[str, str, str]]:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from rich.text import Text
 
-from cosim.cli.terminal import console
+from cosim.cli.terminal import TONES, commands, console
 from cosim.core import check_output, check_output_folder, reported_to, silent
 
 FMUS = Path("fmus")
@@ -95,12 +96,32 @@ SetOption = Annotated[
 _REFRESH_S = 0.1
 
 
-def answer(as_json: bool, data: Callable[[], Any], view: Callable[[], Any]) -> None:  # noqa: FBT001
-    """Print `data` as JSON, or `view` as text for people."""
+def answer(
+    as_json: bool,  # noqa: FBT001
+    data: Callable[[], Mapping[str, Any]],
+    view: Callable[[], Any] | None = None,
+    *,
+    line: str,
+    tone: str = "",
+    then: Sequence[str] = (),
+) -> None:
+    """Print what a command found: the answer, what to do next, then what the answer rests on.
+
+    data : what `--json` prints behind the answer, which is its first key.
+    view : what the answer rests on, for people; None: the answer says it all.
+    line : the answer, one sentence.
+    tone : "good", "open" or "bad": whether it is what was asked for; "" where nothing was.
+    then : commands that make sense next, as they are typed.
+    """
     if as_json:
-        print(json.dumps(data(), indent=1, allow_nan=False))
-    else:
-        console().print(view(), crop=False)
+        print(json.dumps({"answer": line, **data()}, indent=1, allow_nan=False))
+        return
+    screen = console()
+    screen.print(Text(line, style=f"bold {TONES[tone]}"), crop=False)
+    if then:
+        screen.print(commands(*then), crop=False, soft_wrap=True)
+    if view is not None:
+        screen.print(view(), crop=False)
 
 
 @contextmanager

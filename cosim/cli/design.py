@@ -30,7 +30,7 @@ from cosim.cli.common import (
 )
 from cosim.cli.output_feedback import answer_output_feedback
 from cosim.cli.result_json import result_json
-from cosim.cli.result_view import result_view
+from cosim.cli.result_view import result_view, verdict
 from cosim.core import InputError, NotAchievableError
 from cosim.models import DelaySystem
 
@@ -334,7 +334,8 @@ def design(
                 "norm_certificate": norm_file,
             }
         ),
-        lambda: result_view(name, found, greatest, nominal, remark, saved=save),
+        lambda: result_view(name, found, greatest, nominal, remark),
+        **verdict(name, found, save),
     )
 
 
@@ -497,5 +498,6 @@ def analyse(
     answer(
         as_json,
         lambda: result_json(name, found, saved, greatest) | {"norm_certificate": norm_file},
-        lambda: result_view(name, found, greatest, saved=saved),
+        lambda: result_view(name, found, greatest),
+        **verdict(name, found, saved),
     )

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.text import Text
 
 from cosim import replay, vehicle as vehicles
 from cosim.cli.arguments import numbers
@@ -16,9 +15,10 @@ from cosim.cli.common import (
     answer,
     output_file,
 )
-from cosim.cli.fmu_view import check_view, info_view, rule_view
+from cosim.cli.fmu_view import check_line, check_view, info_line, info_view, rule_view
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.packed_view import packed_view, plant_view, vehicle_plant_view
+from cosim.cli.terminal import typed
 from cosim.core import CheckFailedError, InputError
 from cosim.fmu import export as exports, inspect
 from cosim.fmu.compiled import prebuilt_file
@@ -77,7 +77,8 @@ def info(file: FileArgument, *, as_json: JsonOption = False) -> None:
             got=f"{first.where}: {first.what}",
             hint=f"cosim fmu check {file}",
         )
-    answer(as_json, lambda: inspect.fmu_facts(found), lambda: info_view(inspect.fmu_facts(found)))
+    facts = inspect.fmu_facts(found)
+    answer(as_json, lambda: facts, lambda: info_view(facts), line=info_line(facts))
 
 
 @fmu_app.command()
@@ -118,7 +119,8 @@ def check(
     """
     if rule is not None:
         explained = inspect.rule_named(rule)
-        answer(as_json, explained.to_json, lambda: rule_view(explained))
+        line = f"{explained.number} {explained.code}: {explained.level}"
+        answer(as_json, explained.to_json, lambda: rule_view(explained), line=line)
         return
     if file is None:
         raise InputError("no FMU to check", expected="cosim fmu check FILE, or --rule NAME")
@@ -133,7 +135,9 @@ def check(
             "run": run,
             "findings": [each.to_json() for each in found.findings],
         },
-        lambda: check_view(str(file), found),
+        (lambda: check_view(found)) if found.findings else None,
+        line=check_line(str(file), found),
+        tone="good" if found.valid else "bad",
     )
     if not found.valid:
         raise typer.Exit(CheckFailedError.exit_code)
@@ -195,7 +199,14 @@ def build(
                 hint='in a scenario: parameters = { "initial.eta.z" = 5.0 }',
             )
         made = vehicles.export_vehicle(vehicle, target, kind=kind, name=name)
-        answer(as_json, made.to_json, lambda: vehicle_plant_view(made))
+        answer(
+            as_json,
+            made.to_json,
+            lambda: vehicle_plant_view(made),
+            line=f"packed: {made.path}",
+            tone="good",
+            then=(typed("fmu info", made.path),),
+        )
         return
     packed = exports.export_plant(system, target, kind=kind, name=name, initial=start)
     n, m = packed.system.B.shape
@@ -212,6 +223,9 @@ def build(
             "solver_step": packed.step,
         },
         lambda: plant_view(packed),
+        line=f"packed: {packed.path}",
+        tone="good",
+        then=(typed("fmu info", packed.path),),
     )
 
 
@@ -313,6 +327,9 @@ def controller(
             "certificate_sha256": packed.sha256,
         },
         lambda: packed_view(packed),
+        line=f"packed: {packed.path}",
+        tone="good",
+        then=(typed("fmu info", packed.path), typed("certificate check", packed.path)),
     )
 
 
@@ -340,10 +357,9 @@ def _write_built_in(
     answer(
         as_json,
         lambda: {"fmu": str(target), "model": component, "flavour": flavour, "binaries": binaries},
-        lambda: Text.assemble(
-            ("packed", "bold green"),
-            f": {target}\n{flavour}, for {', '.join(binaries) or 'Python'}",
-        ),
+        line=f"packed: {target}, {flavour}, for {', '.join(binaries) or 'Python'}",
+        tone="good",
+        then=(typed("fmu info", target),),
     )
 
 

@@ -16,12 +16,16 @@ from cosim.fmu.inspect import LEVELS, RULES, Inspection, Rule, printable
 _COLOURS = {"error": "red", "warning": "yellow", "note": "cyan"}
 
 
-def check_view(file: str, found: Inspection) -> RenderableType:
-    """Show the verdict, then the findings by kind, with the reason once for each kind."""
+def check_line(file: str, found: Inspection) -> str:
+    """Say whether an FMU is valid, and how many findings of each level there are."""
     counts = [sum(each.level == level for each in found.findings) for level in LEVELS]
-    totals = ", ".join(map(counted, counts, LEVELS))
-    verdict = ("no errors", "bold green") if found.valid else ("not valid", "bold red")
-    parts: list[RenderableType] = [Text.assemble(verdict, f": {file}\n{totals}")]
+    totals = ", ".join(counted(n, level) for n, level in zip(counts, LEVELS, strict=True) if n)
+    return f"{'no errors' if found.valid else 'not valid'}: {file}; {totals or 'nothing found'}"
+
+
+def check_view(found: Inspection) -> RenderableType:
+    """Show the findings by kind, with the reason once for each kind."""
+    parts: list[RenderableType] = []
     for level in LEVELS:
         kinds: dict[str, list[Text]] = {}
         reasons = {}
@@ -58,17 +62,16 @@ def info_view(answer: dict[str, Any]) -> RenderableType:
         for label, value in _info(answer, answer["model"])
         if value not in (None, "", [])
     )
-    return Group(_answer(answer, answer["model"]), *_interface(answer["model"]), table("*|", rows))
+    return Group(*_interface(answer["model"]), table("*|", rows))
 
 
-def _answer(answer: dict[str, Any], model: dict[str, Any]) -> Text:
-    """Say in one line what it is, whether it runs here, and what is wrong with it."""
+def info_line(answer: dict[str, Any]) -> str:
+    """Say in one line what an FMU is, whether it runs here, and what is wrong with it."""
+    model = answer["model"]
     kinds = " and ".join(kind["kind"] for kind in model["kinds"]) or "no kind of use"
     here = "has a binary for this machine" if answer["runs_here"] else "no binary for this machine"
     name = printable(str(model["name"]))
-    return Text.assemble(
-        (name, "bold"), f": FMI {model['fmi_version']}, {kinds}; {here}; {_findings(answer)}"
-    )
+    return f"{name}: FMI {model['fmi_version']}, {kinds}; {here}; {_findings(answer)}"
 
 
 def _findings(answer: dict[str, Any]) -> str:

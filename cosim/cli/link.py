@@ -16,10 +16,11 @@ from cosim.cli.common import (
     progress,
 )
 from cosim.cli.help_text import HelpTyper
-from cosim.cli.link_fit_view import fit_json, fit_view
-from cosim.cli.link_verdict_view import verdict_json, verdict_view
-from cosim.cli.link_view import record_json, record_view, show_json, show_view
-from cosim.core import CheckFailedError, InputError
+from cosim.cli.link_fit_view import fit_json, fit_line, fit_view
+from cosim.cli.link_verdict_view import verdict_json, verdict_line, verdict_view
+from cosim.cli.link_view import record_json, record_view, show_json, show_line, show_view
+from cosim.cli.terminal import typed
+from cosim.core import CheckFailedError, InputError, counted
 from cosim.network import Recording
 
 link_app = HelpTyper(
@@ -64,7 +65,14 @@ def record(
     if link is not None:
         found = {link: recordings.read_recording(file, link)}
     recordings.write_recordings(out, found)
-    answer(as_json, lambda: record_json(file, out, found), lambda: record_view(out, found))
+    answer(
+        as_json,
+        lambda: record_json(file, out, found),
+        lambda: record_view(found),
+        line=f"written: {out}, {counted(len(found), 'link')}",
+        tone="good",
+        then=(typed("link show", out), typed("link fit", out)),
+    )
 
 
 @link_app.command()
@@ -88,6 +96,8 @@ def show(
         as_json,
         lambda: show_json(file, described, picture),
         lambda: show_view(file, described, picture),
+        line=show_line(file, described),
+        then=(typed("link fit", file),),
     )
 
 
@@ -132,8 +142,15 @@ def fit(
     if out is not None:
         tomls = [each.toml(link) for link, each in found.items()]
         write(out, "\n".join(tomls))
-    answer(as_json, lambda: fit_json(file, found, out), lambda: fit_view(found, out))
-    if any(each.refusals for each in found.values()):
+    refused = any(each.refusals for each in found.values())
+    answer(
+        as_json,
+        lambda: fit_json(file, found, out),
+        lambda: fit_view(found, out),
+        line=fit_line(found),
+        tone="bad" if refused else "good",
+    )
+    if refused:
         raise typer.Exit(CheckFailedError.exit_code)
 
 
@@ -172,12 +189,15 @@ def verdict(
         for number, (name, recording) in enumerate(read.items()):
             report_progress("judging", number / len(read))
             found[name] = recordings.outage_verdict(recording, proved, other)
+    holds = all(each.holds for each in found.values())
     answer(
         as_json,
         lambda: verdict_json(file, design, found),
         lambda: verdict_view(file, found),
+        line=verdict_line(file, found),
+        tone="good" if holds else "bad",
     )
-    if not all(each.holds for each in found.values()):
+    if not holds:
         raise typer.Exit(CheckFailedError.exit_code)
 
 

@@ -74,6 +74,18 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def fit_line(found: Mapping[str, LinkFit]) -> str:
+    """Say of each link which models fit it, or that none does."""
+    return "; ".join(_in_short(name, each) for name, each in found.items())
+
+
+def _in_short(name: str, found: LinkFit) -> str:
+    models = [found.loss.name, *([] if found.delay is None else [found.delay.name])]
+    if found.refusals:
+        return f"{name}: no model fits what was recorded"
+    return f"{name}: {' and '.join(models)} fit{'s' * (len(models) == 1)}"
+
+
 def fit_view(found: Mapping[str, LinkFit], out: Path | None) -> RenderableType:
     """Show the models link by link, what refuses them, and the TOML of the chosen ones."""
     parts: list[RenderableType] = []

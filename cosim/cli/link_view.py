@@ -32,13 +32,14 @@ def record_json(file: Path, out: Path, found: Mapping[str, Recording]) -> dict[s
     }
 
 
-def record_view(out: Path, found: Mapping[str, Recording]) -> RenderableType:
-    """Show what was written."""
-    lines = [
-        plain(f"{name}: {counted(len(each), 'message')}, {int(each.lost.sum())} lost")
-        for name, each in found.items()
-    ]
-    return Group(*lines, plain(f"written: {out}"))
+def record_view(found: Mapping[str, Recording]) -> RenderableType:
+    """Show how many messages of each link there were, and how many were lost."""
+    return Group(
+        *(
+            plain(f"{name}: {counted(len(each), 'message')}, {int(each.lost.sum())} lost")
+            for name, each in found.items()
+        )
+    )
 
 
 def show_json(
@@ -50,6 +51,18 @@ def show_json(
         "links": {name: asdict(each) for name, each in described.items()},
         "picture": None if picture is None else str(picture),
     }
+
+
+def show_line(file: Path, described: Mapping[str, LinkStatistics]) -> str:
+    """Say of each link how much was lost, and how late the rest was."""
+    return "; ".join(_in_short(name or str(file), each) for name, each in described.items())
+
+
+def _in_short(name: str, found: LinkStatistics) -> str:
+    late = "" if found.delay_s is None else f", delay {found.delay_s.median:.4g} s in the median"
+    outages = f", {counted(len(found.outages_s), 'outage')}" if found.outages_s else ""
+    count = counted(found.messages, "message")
+    return f"{name}: {_share(found.loss)} of {count} lost{late}{outages}"
 
 
 def show_view(

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from cosim.cli.common import JsonOption, answer
-from cosim.core import CheckFailedError, migrate as migrated, write_migrated
+from cosim.core import CheckFailedError, counted, migrate as migrated, write_migrated
 
 
 def migrate(
@@ -50,7 +50,15 @@ def migrate(
                 "old_file": None if kept is None else str(kept),
             }
         )
-    answer(as_json, lambda: {"files": rows}, lambda: "\n".join(map(_line, rows)))
+    done = counted(sum(bool(found.changes) for found in made.values()), "file")
+    older = f"{done} of {len(made)} {'can be' if check else 'brought'} to the newest version"
+    several = len(rows) > 1
+    answer(
+        as_json,
+        lambda: {"files": rows},
+        (lambda: "\n".join(map(_line, rows))) if several else None,
+        line=older if several else _line(rows[0]),
+    )
     if check and any(found.changes for found in made.values()):
         raise typer.Exit(CheckFailedError.exit_code)
 

@@ -9,7 +9,7 @@ from cosim import hinf
 from cosim.cli.arguments import write
 from cosim.cli.common import answer, progress
 from cosim.cli.result_json import result_json
-from cosim.cli.result_view import result_view
+from cosim.cli.result_view import result_view, verdict
 from cosim.core import InputError
 
 _OPTIONS = {"name", "gamma", "order", "save", "as_json", "solver", "delay_limit"}
@@ -63,5 +63,6 @@ def answer_output_feedback(
     answer(
         options["as_json"],
         lambda: result_json(name, found, save),
-        lambda: result_view(name, found, saved=save),
+        lambda: result_view(name, found),
+        **verdict(name, found, save),
     )

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rich.console import Group, RenderableType
-from rich.text import Text
+from rich.console import RenderableType
 
 from cosim.cli.terminal import facts
 from cosim.core import at_most
@@ -17,7 +16,6 @@ if TYPE_CHECKING:  # `cosim fmu check` needs neither
 
 def packed_view(packed: ControllerFmu) -> RenderableType:
     """Show a controller FMU that was exported, and what its certificate proves."""
-    head = Text.assemble(("packed", "bold green"), f": {packed.path}")
     how = {
         "vehicle": "eta, nu to thrust",
         "system": "x[j] to u[i]",
@@ -26,21 +24,19 @@ def packed_view(packed: ControllerFmu) -> RenderableType:
     }[packed.form]
     gamma = packed.claim["gamma"]
     bound = [] if gamma is None else [("gamma", at_most(gamma), "certified, for this K")]
-    rows = facts(
+    return facts(
         ("model", packed.name, f"{packed.kind.text}; {how}"),
         ("K", f"{len(packed.K)} x {len(packed.K[0])}", "start values of K[i,j]"),
         *bound,
         ("certificate", packed.sha256[:16], "SHA-256; resources/certificate.json"),
     )
-    return Group(head, rows)
 
 
 def vehicle_plant_view(made: VehicleFmu) -> RenderableType:
     """Show the plant FMU of a vehicle that was exported."""
-    head = Text.assemble(("packed", "bold green"), f": {made.path}")
     vehicle = made.vehicle
     commands = [a.command for a in vehicle.actuators]
-    rows = facts(
+    return facts(
         ("model", made.name, made.kind.text),
         ("vehicle", vehicle.name, f"{vehicle.degrees_of_freedom} degrees of freedom"),
         ("commands", str(len(commands)), ", ".join(commands)),
@@ -48,18 +44,16 @@ def vehicle_plant_view(made: VehicleFmu) -> RenderableType:
         ("parameters", str(len(vehicle.parameters)), "every number of the file"),
         ("solver.step", f"{made.step:g} s", "largest internal step"),
     )
-    return Group(head, rows)
 
 
 def plant_view(packed: PlantFmu) -> RenderableType:
     """Show a plant FMU that was exported: its sizes, and where the delays of its system are."""
-    head = Text.assemble(("packed", "bold green"), f": {packed.path}")
     n, m = packed.system.B.shape
     p, q = packed.system.D1.shape
     late = f"{packed.system.feedback_delay:g} s"
     link = ("feedback", late, "delay of the link between plant and controller, not in the FMU")
     parameter = "a parameter, like every matrix entry"
-    rows = facts(
+    return facts(
         ("model", packed.name, packed.kind.text),
         ("inputs", f"{m} u, {q} w"),
         ("outputs", f"{n} x, {p} z"),
@@ -67,4 +61,3 @@ def plant_view(packed: PlantFmu) -> RenderableType:
         *[link] * (not packed.system.immediate_feedback),
         ("solver.step", f"{packed.step:g} s", "largest internal step"),
     )
-    return Group(head, rows)

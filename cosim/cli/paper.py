@@ -45,4 +45,11 @@ def paper(
         report = reproduce(report_progress)
     if html is not None:
         write(html, page(report))
-    answer(as_json, report.to_json, lambda: paper_view(report))
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in report.counts.items() if count)
+    answer(
+        as_json,
+        report.to_json,
+        lambda: paper_view(report),
+        line=f"{len(report.rows)} claims of the paper computed anew: {counts}",
+        then=("cosim paper --html paper.html",) if html is None else (),
+    )

@@ -13,22 +13,23 @@ from cosim.replay import InjectionResult, Rerun
 from cosim.trace.comparison import diff_json, diff_verdict
 
 
+def rerun_line(result: Rerun) -> str:
+    """Say whether a rerun gave the same messages."""
+    if not result.identical:
+        return f"not identical to {result.original}"
+    if not result.finished:
+        return (
+            f"identical as far as it goes: {result.original} did not finish, and the rerun begins "
+            "with all of its messages, bit for bit"
+        )
+    return f"identical: the rerun gave every message of {result.original}, bit for bit"
+
+
 def rerun_view(result: Rerun) -> RenderableType:
-    """Show whether a rerun gave the same messages."""
-    if result.identical and not result.finished:
-        return Text.assemble(
-            ("identical", "bold green"),
-            f" as far as it goes: {result.original} did not finish, and the rerun begins "
-            "with all of its messages, bit for bit",
-        )
+    """Show the hash of the messages, or where they differ."""
     if result.identical:
-        return Text.assemble(
-            ("identical", "bold green"),
-            f": the rerun gave every message of {result.original}, "
-            f"bit for bit\ncontent hash {result.original_hash}",
-        )
-    lines = "\n".join(f"  {line}" for line in result.differences[:20])
-    return Text.assemble(("not identical", "bold red"), f" to {result.original}\n{lines}")
+        return Text(f"content hash {result.original_hash}" if result.finished else "")
+    return Text("\n".join(f"  {line}" for line in result.differences[:20]))
 
 
 def inject_json(found: InjectionResult) -> dict[str, Any]:
@@ -58,19 +59,30 @@ def inject_json(found: InjectionResult) -> dict[str, Any]:
     }
 
 
+def inject_line(found: InjectionResult) -> str:
+    """Say how far the FMU came with the recorded inputs, and whether its outputs are the same."""
+    fed = f"{found.fmu.path.name} as {found.name}: {found.status} at t = {found.end_s:g} s"
+    if found.compared is None:
+        return f"{fed}, {found.points} communication points"
+    words = diff_verdict(found.compared)
+    if found.identical:
+        words = "identical: every output is the same, bit for bit"
+    return f"{fed}; compared with the recorded outputs: {words}"
+
+
+def inject_tone(found: InjectionResult) -> str:
+    """Return "bad" where the FMU failed or its outputs differ."""
+    differs = found.compared is not None and not found.compared.equal
+    return "bad" if differs or found.reason else "good"
+
+
 def inject_view(found: InjectionResult) -> RenderableType:
     """Show which inputs were fed with what, what was left out, and the result."""
     sources = (
         (plain(name), plain(f"{source.topic} {source.column}"))
         for name, source in found.sources.items()
     )
-    parts: list[RenderableType] = [
-        plain(
-            f"{found.fmu.path.name} as {found.name}: {found.status} at t = {found.end_s:g} s, "
-            f"{found.points} communication points"
-        ),
-        table("*input|fed with", sources),
-    ]
+    parts: list[RenderableType] = [table("*input|fed with", sources)]
     for label, names in (
         ("inputs at their start values", found.unmapped_inputs),
         ("recorded inputs that were not used", found.unused),
@@ -82,12 +94,6 @@ def inject_view(found: InjectionResult) -> RenderableType:
     parts.append(plain(f"parameters: {own}"))
     if found.reason:
         parts.append(Text(found.reason, style="red"))
-    if found.compared is not None:
-        colour = "green" if found.compared.equal else "red"
-        words = diff_verdict(found.compared)
-        if found.identical:
-            words = "identical: every output is the same, bit for bit"
-        parts.append(Text(f"compared with the recorded outputs: {words}", style=colour))
     parts += late_view(found.log_after_end)
     parts.append(plain(f"trace: {found.trace}"))
     return Group(*parts)

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from cosim import hinf
-from cosim.cli.terminal import NONE, commands, facts, number
+from cosim.cli.terminal import NONE, facts, number, typed
 from cosim.core import at_least, at_most
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from cosim.models import Delay, DelaySystem, Measurement
+
+
+class Verdict(TypedDict):
+    """The answer about a loop, as the keywords of `cosim.cli.common.answer`."""
+
+    line: str
+    tone: str
+    then: tuple[str, ...]
+
 
 Row = tuple[str, str, str]
 """Label, value, and how the value was obtained."""
@@ -30,14 +38,11 @@ def result_view(
     greatest: hinf.GreatestDelay | None = None,
     nominal: float | None = None,
     remark: str | None = None,
-    *,
-    saved: Path | None = None,
 ) -> RenderableType:
-    """Show what is proved, or why nothing is, the gains, what to do next, and what that rests on.
+    """Show the gains, and what their proof rests on; where nothing is proved, why.
 
     nominal : gamma without uncertainty, if it was computed.
     remark : on the size of the gain.
-    saved : the file of the design or of the certificate, if there is one.
     """
     remarks = [remark]
     if result.certificate is not None and result.K.any():
@@ -51,11 +56,24 @@ def result_view(
         *_observer_rows(result),
         *_greatest_delay_row(greatest),
     )
-    written: list[RenderableType] = []
-    if saved is not None:
-        written = [Text.assemble("saved: ", (str(saved), "bold"))]
-        written.append(commands(f"cosim certificate check {shlex.quote(str(saved))}"))
-    return Group(_head(name, result), *_gains(name, result), *written, rows, *lines)
+    why = [] if result.certified else [Text(f"{result.reason}")]
+    return Group(*why, *_gains(name, result), rows, *lines)
+
+
+def verdict(name: str, result: hinf.Result, saved: Path | None) -> Verdict:
+    """Return the answer about a loop: whether it is proved, of what, and where that was saved.
+
+    saved : the file of the design or of the certificate, if there is one.
+    """
+    what = f"{name}, u = K x" if result.K.any() else f"{name}, u = 0"
+    if result.observer is not None:
+        what = f"{name}, u = K xh"
+    if not result.certified:
+        return {"line": f"not certified, {result.verdict}: {what}", "tone": "open", "then": ()}
+    bound = "stable" if result.gamma is None else f"gamma {at_most(result.gamma)}"
+    where = "" if saved is None else f"; saved: {saved}"
+    check = () if saved is None else (typed("certificate check", saved),)
+    return {"line": f"certified: {what}; {bound}{where}", "tone": "good", "then": check}
 
 
 def _proved(result: hinf.Result, nominal: float | None) -> Iterator[Row]:
@@ -86,19 +104,6 @@ def _delay_rows(result: hinf.Result) -> Iterator[Row]:
 def _greatest_delay_row(greatest: hinf.GreatestDelay | None) -> Iterator[Row]:
     if greatest is not None and greatest.delay is not None:
         yield "greatest delay", f"{at_least(greatest.delay)} s", _end(greatest)
-
-
-def _head(name: str, result: hinf.Result) -> Text:
-    """Return the verdict, and of what; where nothing is proved, why."""
-    what = f"{name}, u = K x" if result.K.any() else f"{name}, u = 0"
-    if result.observer is not None:
-        what = f"{name}, u = K xh"
-    if result.certified:
-        bound = "stable" if result.gamma is None else f"gamma {at_most(result.gamma)}"
-        return Text.assemble(("certified", "bold green"), f": {what}; {bound}")
-    return Text.assemble(
-        (f"not certified, {result.verdict}", "bold yellow"), f": {what}\n  {result.reason}"
-    )
 
 
 def _gains(name: str, result: hinf.Result) -> list[RenderableType]:

@@ -24,9 +24,14 @@ from cosim.cli.common import (
     output_trace,
     progress,
 )
-from cosim.cli.run_view import demo_view
-from cosim.cli.runs import interruptions_reported, make_fmu_cache, report_outcome
-from cosim.cli.step_check_view import step_check_view
+from cosim.cli.runs import (
+    interruptions_reported,
+    make_fmu_cache,
+    report_demo,
+    report_outcome,
+)
+from cosim.cli.step_check_view import step_check_line, step_check_view
+from cosim.cli.terminal import typed
 from cosim.core import CheckFailedError, InputError, check_output
 from cosim.fmu.export import DEFAULT_FLAVOUR
 
@@ -55,7 +60,7 @@ def demo(
     """
     with progress() as report_progress, interruptions_reported():
         result = scenario.demonstrate(make_fmu_cache(fmus), out, report_progress)
-    answer(as_json, result.to_json, lambda: demo_view(result, details=details))
+    report_demo(result, as_json, details=details)
 
 
 def run(
@@ -240,7 +245,15 @@ def _check_step(
             engine=engine,
             supervision=supervision,
         )
-    answer(as_json, check.to_json, lambda: step_check_view(check))
+    step, tones = check.suggested_step_s, {"yes": "good", "no": "bad"}
+    answer(
+        as_json,
+        check.to_json,
+        lambda: step_check_view(check),
+        line=step_check_line(check),
+        tone=tones.get(check.verdict, "open"),
+        then=() if step is None else (typed("run", loaded.name, "--set", f"run.step={step:.2g}"),),
+    )
     if "failed" in check.statuses:
         raise typer.Exit(4)
     if tolerance is not None and check.verdict != "yes":

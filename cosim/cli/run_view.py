@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Column
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, commands, facts, number, plain, table
+from cosim.cli.terminal import NONE, TONES, facts, number, plain, table
 from cosim.core import at_most, counted
 from cosim.trace import outcome as outcomes
 from cosim.trace.outcome import age_lines, measurement_age_lines
@@ -17,26 +17,22 @@ from cosim.trace.outcome import age_lines, measurement_age_lines
 if TYPE_CHECKING:
     from cosim.scenario import Demo, Outcome
 
-_COLOURS = {"good": "green", "open": "yellow", "bad": "red"}
 _LEVELS = {"warning": "yellow", "error": "red", "fatal": "red"}
 _MOST_EVENTS = 12
 _THRUSTS = ("force.", "thruster.")
 
 
 def outcome_view(outcome: Outcome, *, details: bool = False) -> RenderableType:
-    """Show a run: how it ended and why, what to do next, then what that rests on.
+    """Show what the answer of a run rests on: why it ended so, its figures, what happened.
 
     details : every assumption, not only those that were not met.
     """
-    colour = _COLOURS[outcome.tone]
-    head = Text.assemble(
-        (outcome.scenario, "bold"),
-        ": ",
-        (outcome.headline, f"bold {colour}"),
-        f" after {outcome.simulated_s:g} s simulated in {outcome.wall_s:.2g} s, "
-        f"{outcome.steps} communication steps",
+    colour = TONES[outcome.tone]
+    done = (
+        f"{outcome.title}: {outcome.simulated_s:g} s simulated in {outcome.wall_s:.2g} s, "
+        f"{outcome.steps} communication steps"
     )
-    parts: list[RenderableType] = [head, Text(outcome.title, style="dim")]
+    parts: list[RenderableType] = [Text(done, style="dim")]
     if outcome.explanation:
         parts.append(Text(outcome.explanation, style=colour))
     if outcome.cause is not None:
@@ -44,8 +40,6 @@ def outcome_view(outcome: Outcome, *, details: bool = False) -> RenderableType:
     parts += _guarantee(outcome)
     outages = outcome.metrics.get("outages")
     parts += [*_assertions(outcome), *_advice(outcome)]
-    if outcome.trace is not None:
-        parts.append(commands(f"cosim trace report {outcome.trace}"))
     parts += [
         facts(
             *(row for row in _figures(outcome) if row[1] != NONE),
@@ -77,12 +71,11 @@ def late_view(log_after_end: Iterable[Mapping[str, str]]) -> list[RenderableType
 
 
 def demo_view(demo: Demo, *, details: bool = False) -> RenderableType:
-    """Show how both runs of the demo ended, what to do next, and both side by side.
+    """Show both runs of the demo side by side, and what the guarantee does not cover.
 
     details : what the guarantee of each rests on, not only what was not met.
     """
     outcomes = list(demo.outcomes.values())
-    answers = [_answer(label, outcome) for label, outcome in demo.outcomes.items()]
     rows: list[Iterable[str | Text]] = [("status", *map(_status, outcomes))]
     rows += (
         (figures[0][0], *(value for _, value in figures))
@@ -97,14 +90,7 @@ def demo_view(demo: Demo, *, details: bool = False) -> RenderableType:
     compared = table(("", *(f">{label}" for label in demo.outcomes)), rows, title)
     compared.pad_edge = True
     picture = f"none; {demo.no_picture}" if demo.picture is None else str(demo.picture)
-    traces = [str(outcome.trace) for outcome in outcomes]
-    parts: list[RenderableType] = [
-        *answers,
-        Text.assemble("picture: ", (picture, "bold")),
-        commands(f"cosim trace report {traces[-1]}", f"cosim trace diff {' '.join(traces)}"),
-        Text(),
-        compared,
-    ]
+    parts: list[RenderableType] = [Text.assemble("picture: ", (picture, "bold")), compared]
     for label, outcome in demo.outcomes.items():
         parts += _covered(label, outcome, details=details)
     if not details:
@@ -112,14 +98,18 @@ def demo_view(demo: Demo, *, details: bool = False) -> RenderableType:
     return Group(*parts)
 
 
-def _answer(label: str, outcome: Outcome) -> Text:
-    """Say in a line whether the guarantee of a run holds, and where the vehicle ended."""
+def demo_line(demo: Demo) -> str:
+    """Say of each design whether its guarantee holds, and where the vehicle ends."""
+    return "; ".join(map(_ending, demo.outcomes, demo.outcomes.values()))
+
+
+def _ending(label: str, outcome: Outcome) -> str:
+    """Say in half a sentence whether the guarantee of a run holds, and where the vehicle ends."""
     verdict = outcomes.guarantee_of(outcome, outcomes.assumptions_of(outcome))
     holds = outcome.headline if verdict is None else verdict.what
     error = outcome.metrics["position_error_m"]
-    ended = "" if error is None else f", and it ends {error:.2g} m off"
-    words = f": {holds[0].lower()}{holds[1:]}{ended}"
-    return Text.assemble((label, "bold"), (words, _COLOURS[outcome.tone]))
+    ended = "" if error is None else f", {error:.2g} m off at the end"
+    return f"{label}: {holds[0].lower()}{holds[1:]}{ended}"
 
 
 def _compared(outcome: Outcome) -> list[tuple[str, str]]:
@@ -241,7 +231,7 @@ def _guarantee(outcome: Outcome) -> list[RenderableType]:
     found = outcomes.guarantee_of(outcome, outcomes.assumptions_of(outcome))
     if found is None:
         return []
-    verdict = Text(f"{found.what}: {found.why}", style=_COLOURS[found.tone])
+    verdict = Text(f"{found.what}: {found.why}", style=TONES[found.tone])
     return [verdict, *(Text(f"{label}: {words}") for label, words, _ in outcomes.facts_of(outcome))]
 
 
@@ -280,7 +270,7 @@ def _outages(outages: Mapping[str, Any] | None) -> list[RenderableType]:
     if outages is None:
         return []
     tone, words, numbers = outcomes.outage_verdict(outages)
-    return [Text(f"{words}: {numbers}", style=_COLOURS[tone])]
+    return [Text(f"{words}: {numbers}", style=TONES[tone])]
 
 
 def _assertions(outcome: Outcome) -> list[RenderableType]:
@@ -333,7 +323,7 @@ def _advice(outcome: Outcome) -> list[RenderableType]:
 
 
 def _status(outcome: Outcome) -> Text:
-    return Text(outcome.headline, style=_COLOURS[outcome.tone])
+    return Text(outcome.headline, style=TONES[outcome.tone])
 
 
 def _tick(met: bool | None) -> Text:  # noqa: FBT001 - a formatter of one value

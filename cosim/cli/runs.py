@@ -10,7 +10,8 @@ import typer
 
 from cosim import scenario
 from cosim.cli.common import answer
-from cosim.cli.run_view import outcome_view
+from cosim.cli.run_view import demo_line, demo_view, outcome_view
+from cosim.cli.terminal import typed
 from cosim.core import (
     CheckFailedError,
     ComponentError,
@@ -19,6 +20,7 @@ from cosim.core import (
     TerminatedError,
 )
 from cosim.fmu.export import DEFAULT_FLAVOUR
+from cosim.trace import outcome as outcomes
 
 
 @contextmanager
@@ -56,8 +58,29 @@ def report_outcome(
     details: bool = False,
 ) -> None:
     """Print the outcome of a run, and leave with its exit code."""
-    answer(as_json, outcome.to_json, lambda: outcome_view(outcome, details=details))
+    ended = outcomes.answer_of(outcome.scenario, outcome)
+    then = () if outcome.trace is None else (typed("trace report", outcome.trace),)
+    answer(
+        as_json,
+        outcome.to_json,
+        lambda: outcome_view(outcome, details=details),
+        line=ended.what,
+        tone=ended.tone,
+        then=then,
+    )
     exit_with(outcome)
+
+
+def report_demo(demo: scenario.Demo, as_json: bool, *, details: bool) -> None:  # noqa: FBT001
+    """Print both runs of the demo."""
+    traces = [str(outcome.trace) for outcome in demo.outcomes.values()]
+    answer(
+        as_json,
+        demo.to_json,
+        lambda: demo_view(demo, details=details),
+        line=demo_line(demo),
+        then=(typed("trace report", traces[-1]), typed("trace diff", *traces)),
+    )
 
 
 def exit_with(outcome: scenario.Outcome) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from rich.text import Text
 
 from cosim.cli.arguments import write
 from cosim.cli.common import (
@@ -20,8 +21,8 @@ from cosim.cli.common import (
 )
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
-from cosim.cli.terminal import console, titles_table
-from cosim.core import CosimError, InputError, counted, printable
+from cosim.cli.terminal import console, titles_table, typed
+from cosim.core import CosimError, InputError, counted
 from cosim.scenario import (
     NAME_PATTERN,
     as_mermaid,
@@ -61,6 +62,8 @@ def list_scenarios(*, as_json: JsonOption = False) -> None:
         as_json,
         lambda: {"scenarios": rows},
         lambda: titles_table("scenario", "title", rows),
+        line=f"{len(rows)} scenarios are built in; each has its own FMUs, links and assertions",
+        then=("cosim run auv-acoustic", "cosim scenario new mine --from auv-acoustic"),
     )
 
 
@@ -89,11 +92,13 @@ def new(
     if path.exists():
         raise InputError("this file already exists", where=str(path), hint="use another name")
     write(path, template(Path(stem).name, base))
-    data = {"file": str(path), "extends": base}
+    like = "a vehicle over an acoustic link" if base is None else f"{base} and what differs"
     answer(
         as_json,
-        lambda: data,
-        lambda: f"{path}\nnext: cosim scenario check {path}; cosim run {path}",
+        lambda: {"file": str(path), "extends": base},
+        line=f"written: {path}, {like}",
+        tone="good",
+        then=(typed("scenario check", path), typed("run", path)),
     )
 
 
@@ -118,14 +123,21 @@ def check(
         {"scenario": name, "ok": not problems, "problems": [p.to_json() for p in problems]}
         for name, problems in found.items()
     ]
-    if as_json:
-        print(json.dumps({"scenarios": rows}, indent=1, allow_nan=False))
-    else:
-        for name, problems in found.items():
-            for problem in problems:
-                print(problem.text())
-            print(printable(f"{name}: {counted(len(problems), 'error') if problems else 'ok'}"))
-    if any(found.values()):
+    line = "; ".join(
+        f"{name}: {counted(len(problems), 'error') if problems else 'ok'}"
+        for name, problems in found.items()
+    )
+    listed = "\n".join(problem.text() for problems in found.values() for problem in problems)
+    wrong = any(found.values())
+    answer(
+        as_json,
+        lambda: {"scenarios": rows},
+        (lambda: Text(listed, no_wrap=True, overflow="ignore")) if wrong else None,
+        line=line,
+        tone="bad" if wrong else "good",
+        then=() if wrong else tuple(typed("run", name) for name in found),
+    )
+    if wrong:
         raise typer.Exit(InputError.exit_code)
 
 

@@ -21,7 +21,7 @@ from cosim.cli.common import (
 )
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
-from cosim.cli.terminal import console, facts
+from cosim.cli.terminal import console, facts, typed
 from cosim.core import InputError
 from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.scenario import (
@@ -97,8 +97,15 @@ def export_verb(
             loaded, make_fmu_cache(fmus, loaded.folder, flavour), progress=report_progress
         )
         exported = export_ssp(prepared, path, links, ssp)
+    answer(
+        as_json,
+        exported.to_json,
+        lambda: _view(exported, exported.components),
+        line=f"written: {exported.path}",
+        tone="good",
+        then=(typed("ssp check", exported.path),),
+    )
     _warn(exported.warnings)
-    answer(as_json, exported.to_json, lambda: _view(exported, exported.components))
 
 
 @ssp_app.command("import")
@@ -143,8 +150,15 @@ def import_verb(
         )
     _not_onto(path, file)
     imported = import_ssp(file, path, step=step, end=end)
+    answer(
+        as_json,
+        imported.to_json,
+        lambda: _view(imported, imported.names.values()),
+        line=f"written: {imported.path}",
+        tone="good",
+        then=(typed("scenario check", imported.path), typed("run", imported.path)),
+    )
     _warn(imported.unsupported)
-    answer(as_json, imported.to_json, lambda: _view(imported, imported.names.values()))
 
 
 @ssp_app.command()
@@ -168,7 +182,14 @@ def check(
     cosim ssp check theirs.ssp --json
     """
     found = check_ssp(file)
-    answer(as_json, found.to_json, lambda: _check_view(found))
+    answer(
+        as_json,
+        found.to_json,
+        lambda: _check_view(found),
+        line=f"can be imported: {found.path}, SSP {found.version}",
+        tone="good",
+        then=(typed("ssp import", found.path),),
+    )
 
 
 def _check_view(found: SspCheck) -> RenderableType:
@@ -180,8 +201,7 @@ def _check_view(found: SspCheck) -> RenderableType:
     )
     lines = [Text.assemble(("warning", "bold yellow"), f": {s}") for s in found.only_here]
     lines += [Text.assemble(("note", "bold"), f": {note}") for note in found.notes]
-    head = Text.assemble(("can be imported", "bold green"), f": {found.path}, SSP {found.version}")
-    return Group(head, rows, *lines)
+    return Group(rows, *lines)
 
 
 def _not_onto(path: Path, source: Path) -> None:
@@ -199,10 +219,9 @@ def _warn(sentences: Sequence[str]) -> None:
 
 def _view(done: SspExport | SspImport, components: Collection[str]) -> RenderableType:
     links = done.links.items() if isinstance(done, SspExport) else dict.fromkeys(done.links).items()
-    rows = facts(
+    return facts(
         ("components", str(len(components)), ", ".join(components)),
         ("connections", str(done.connections)),
         *(("link", name, f"as {form}" if form else "") for name, form in links),
         ("run", f"{done.end_s:g} s", f"in steps of {done.step_s:g} s"),
     )
-    return Group(Text.assemble(("written", "bold green"), f": {done.path}"), rows)

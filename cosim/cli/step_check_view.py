@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from cosim.scenario import StepCheck
 
 _ROWS = 20
-_COLOUR = {"yes": "green", "no": "red", "unclear": "yellow"}
 _ANSWER = {
     "yes": "the step is small enough",
     "no": "the step is too long",
@@ -22,16 +21,16 @@ _ANSWER = {
 }
 
 
+def step_check_line(check: StepCheck) -> str:
+    """Say whether the step is small enough, and why."""
+    return f"{_ANSWER[check.verdict]}: {check.reason}"
+
+
 def step_check_view(check: StepCheck) -> RenderableType:
-    """Show the verdict, and the signals with the largest estimated error."""
+    """Show the signals with the largest estimated error."""
     observed = len(check.steps_s) > 2
     steps = ", ".join(f"{step:g} s" for step in check.steps_s)
-    head = Text.assemble(
-        (check.title, "bold"),
-        f"\nrun with steps of {steps}\n",
-        (_ANSWER[check.verdict], f"bold {_COLOUR[check.verdict]}"),
-        f": {check.reason}",
-    )
+    head = Text(f"{check.title}\nrun with steps of {steps}")
     suggested = check.suggested_step_s
     if suggested is not None:
         head.append(f"\na step of about {suggested:.2g} s would meet it")

@@ -30,16 +30,22 @@ from cosim.cli.common import (
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import interruptions_reported, report_outcome
 from cosim.cli.study_view import (
+    checked_line,
     checked_view,
+    finished_line,
     finished_view,
+    merged_line,
     merged_view,
     rare_view,
+    sensitivity_line,
     sensitivity_view,
+    shown_by,
     stopped_view,
     study_report_view,
+    summary_line,
     summary_view,
 )
-from cosim.cli.terminal import titles_table
+from cosim.cli.terminal import titles_table, typed
 from cosim.core import InputError, LossError, StoppedError, check_output
 from cosim.fmu.export import DEFAULT_FLAVOUR
 
@@ -77,7 +83,13 @@ def list_studies(*, as_json: JsonOption = False) -> None:
         {"name": name, "title": studies.load_study(name).study.title}
         for name in studies.builtin_studies()
     ]
-    answer(as_json, lambda: {"studies": rows}, lambda: titles_table("study", "title", rows))
+    answer(
+        as_json,
+        lambda: {"studies": rows},
+        lambda: titles_table("study", "title", rows),
+        line=f"{len(rows)} studies are built in",
+        then=("cosim study check delay-margin", "cosim study run delay-margin"),
+    )
 
 
 @study_app.command()
@@ -117,7 +129,14 @@ def check(
         "first": _values(plan, 0),
         "last": _values(plan, plan.count - 1),
     }
-    answer(as_json, lambda: data, lambda: checked_view(data))
+    answer(
+        as_json,
+        lambda: data,
+        lambda: checked_view(data),
+        line=checked_line(data),
+        tone="good",
+        then=(typed("study run", name),),
+    )
 
 
 @study_app.command()
@@ -231,7 +250,14 @@ def run(
             got=f"{there} of {plan.count} runs are done and kept",
             hint="the same command continues",
         ) from None
-    answer(as_json, done.to_json, lambda: finished_view(name, done))
+    answer(
+        as_json,
+        done.to_json,
+        lambda: finished_view(name, done),
+        line=finished_line(loaded.name, done),
+        tone="open" if done.incomplete or done.runs < done.count else "good",
+        then=shown_by(done.folder),
+    )
 
 
 @study_app.command()
@@ -256,7 +282,14 @@ def merge(
     cosim study merge part-1 part-2 --out whole
     """
     found = studies.merge_studies(folders, out)
-    answer(as_json, found.to_json, lambda: merged_view(found))
+    answer(
+        as_json,
+        found.to_json,
+        lambda: merged_view(found),
+        line=merged_line(found),
+        tone="good" if found.runs == found.count else "open",
+        then=shown_by(found.folder),
+    )
 
 
 @study_app.command()
@@ -401,7 +434,13 @@ def show(
         data["rare"] = event | runs | ({} if rare is None else rare.to_json(confidence))
     parts = [] if stopped is None else [stopped_view(stopped)]
     parts += [] if event is None else [rare_view(event, rare, whole.num_rows, confidence)]
-    answer(as_json, lambda: data, lambda: Group(summary_view(found, edge, picture), *parts))
+    answer(
+        as_json,
+        lambda: data,
+        lambda: Group(summary_view(found, edge, picture), *parts),
+        line=summary_line(found),
+        then=(typed("study report", path),),
+    )
 
 
 @study_app.command()
@@ -433,7 +472,13 @@ def report(
     cosim study report studies/delay-margin -o margin.html --open
     """
     written = studies.write_study_report(path, out, confidence=confidence)
-    answer(as_json, written.to_json, lambda: study_report_view(written))
+    size = f"{written.bytes / 1e6:.2g} MB, {written.metrics} metrics, {written.charts} charts"
+    answer(
+        as_json,
+        written.to_json,
+        lambda: study_report_view(written),
+        line=f"report: {written.output} ({size})",
+    )
     if show:
         webbrowser.open(written.output.absolute().as_uri())
     if written.unread:
@@ -454,7 +499,7 @@ def show_sensitivity(
     """
     table, manifest = studies.read_table(path)
     found = studies.sensitivity(table, manifest, metric, confidence=confidence)
-    answer(as_json, found.to_json, lambda: sensitivity_view(found))
+    answer(as_json, found.to_json, lambda: sensitivity_view(found), line=sensitivity_line(found))
 
 
 def _plan(loaded: studies.LoadedStudy, fmus: Path, flavour: RunFlavour) -> studies.Plan:

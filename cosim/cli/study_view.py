@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, facts, number, table
+from cosim.cli.terminal import NONE, facts, number, table, typed
 from cosim.study import (
     Boundary,
     Group as RunGroup,
@@ -32,15 +32,30 @@ def checked_view(data: dict[str, Any]) -> RenderableType:
         (axis, "\n".join(places), *(str(data[end][axis]) for end in ("first", "last")))
         for axis, places in data["axes"].items()
     )
-    about = "" if data["runs_are"] == "exactly" else f"{data['runs_are']} "
-    head = Text.assemble(
-        (data["title"], "bold"), f"\n{about}{data['runs']} runs of the scenario {data['scenario']}"
-    )
+    head = Text(data["title"], "bold")
     axes = table("axis|changes|first run|last run", rows)
     return Group(head, axes, Text(f"metrics: {', '.join(data['metrics'])}"))
 
 
+def checked_line(data: dict[str, Any]) -> str:
+    """Say how many runs a study has, and of what."""
+    about = "" if data["runs_are"] == "exactly" else f"{data['runs_are']} "
+    return f"{data['study']}: ok, {about}{data['runs']} runs of the scenario {data['scenario']}"
+
+
 _MOST_REASONS = 5
+
+
+def finished_line(name: str, done: StudyResult) -> str:
+    """Say how many runs of a study are done, how they ended, and where the table is."""
+    statuses = ", ".join(f"{n} {s.replace('_', ' ')}" for s, n in sorted(done.statuses.items()))
+    where = f"table: {done.results}" if done.runs == done.count else "the table waits for the rest"
+    return f"{name}: {done.runs} of {done.count} runs done ({statuses}); {where}"
+
+
+def shown_by(folder: Path) -> tuple[str, str]:
+    """Return the commands that show a study."""
+    return typed("study show", folder), typed("study report", folder)
 
 
 def finished_view(name: str, done: StudyResult) -> RenderableType:
@@ -67,8 +82,6 @@ def finished_view(name: str, done: StudyResult) -> RenderableType:
         for run, why in done.traces.items():
             if why is not None:
                 parts.append(Text(f"no trace of run {run}: {why}", style="yellow"))
-    where = str(done.results) if done.runs == done.count else "written when all runs are done"
-    parts.append(Text(f"table:  {where}\nnext:   cosim study show {done.folder}"))
     return Group(*parts)
 
 
@@ -77,6 +90,13 @@ def _statuses(counts: Mapping[str, int]) -> Iterator[tuple[Text, str]]:
     for status, count in counts.items():
         style = "" if status == "finished" else "yellow"
         yield Text(status.replace("_", " "), style), str(count)
+
+
+def merged_line(found: MergedStudy) -> str:
+    """Say how many runs are in one folder now, and where the table is."""
+    where = f"table: {found.results}" if found.runs == found.count else "the table waits for them"
+    missing = "" if found.runs == found.count else f", {found.count - found.runs} missing"
+    return f"merged: {found.runs} of {found.count} runs{missing}; {where}"
 
 
 def merged_view(found: MergedStudy) -> RenderableType:
@@ -92,18 +112,19 @@ def merged_view(found: MergedStudy) -> RenderableType:
         parts.append(Text(f"no trace of run {some}: the study's own command adds it", "yellow"))
     if found.missing:
         parts.append(Text(f"missing: --runs {', --runs '.join(found.missing)}", "yellow"))
-    where = str(found.results) if found.runs == found.count else "written when all runs are there"
-    parts.append(Text(f"table:  {where}\nnext:   cosim study show {found.folder}"))
     return Group(*parts)
+
+
+def summary_line(found: Summary) -> str:
+    """Say of what study the summary is, and of how many runs."""
+    of = "" if found.runs == found.count else f" of {found.count}: the study is not finished"
+    return f"{found.title}: {found.runs} runs{of}"
 
 
 def summary_view(found: Summary, edge: Boundary | None, picture: Path | None) -> RenderableType:
     """Show shares and means per group, and the stability boundary."""
-    of = "" if found.runs == found.count else f" of {found.count}: the study is not finished"
-    head = Text.assemble(
-        (found.title, "bold"),
-        f"\n{found.runs} runs{of}; intervals: {100 * found.confidence:g} %, "
-        f"shares Wilson, means {found.method}",
+    head = Text(
+        f"intervals: {100 * found.confidence:g} %, shares Wilson, means {found.method}", "dim"
     )
     parts: list[RenderableType] = [head]
     parts += [_all_runs(found.groups[0])] if not found.by else [_per_group(found)]
@@ -112,6 +133,13 @@ def summary_view(found: Summary, edge: Boundary | None, picture: Path | None) ->
     if picture is not None:
         parts.append(Text(f"picture: {picture}"))
     return Group(*parts)
+
+
+def sensitivity_line(found: Sensitivity) -> str:
+    """Say which axis the variance of a metric is due to the most."""
+    axis = max(found.total, key=lambda each: found.total[each].value)
+    share = found.total[axis].value
+    return f"{found.metric}: most of its variance comes with {axis} ({share:.2f}, with others)"
 
 
 def sensitivity_view(found: Sensitivity) -> RenderableType:
@@ -134,11 +162,9 @@ def study_report_view(written: StudyReport) -> RenderableType:
     """Show where the page is, and what is on it."""
     of = "" if written.complete else "the study is not finished"
     runs = facts(("runs", str(written.runs), of), *_statuses(written.statuses))
-    parts: list[RenderableType] = [Text(written.title, style="bold"), runs]
+    parts: list[RenderableType] = [Text(written.title), runs]
     if written.unread:
         parts.append(Text(f"{written.unread} lines of the run log cannot be read", style="yellow"))
-    size = f"{written.bytes / 1e6:.2g} MB, {written.metrics} metrics, {written.charts} charts"
-    parts.append(Text(f"page: {written.output} ({size})"))
     return Group(*parts)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -13,6 +14,8 @@ from cosim.cli.fit_table import fit_table
 from cosim.core import printable
 
 NONE = "–"
+TONES = {"good": "green", "open": "yellow", "bad": "red", "": ""}
+"""Colours of what went well, what is undecided, and what did not."""
 Cell = str | Text
 
 
@@ -47,6 +50,11 @@ def _column(name: str) -> Column:
         style="bold" if heading.startswith("*") else "",
         justify="right" if name.startswith(">") else "left",
     )
+
+
+def typed(verb: str, *arguments: object) -> str:
+    """Return a command as it is typed in a shell; `verb` : the words behind `cosim`."""
+    return shlex.join(["cosim", *verb.split(), *map(str, arguments)])
 
 
 def commands(*lines: str) -> Text:

@@ -11,7 +11,6 @@ from types import FrameType
 from typing import Annotated
 
 import typer
-from rich.console import Group
 from rich.text import Text
 
 from cosim.cli.common import (
@@ -22,15 +21,23 @@ from cosim.cli.common import (
     progress,
 )
 from cosim.cli.help_text import HelpTyper
-from cosim.cli.terminal import commands, console
+from cosim.cli.terminal import console, typed
 from cosim.cli.trace_diff import diff
 from cosim.cli.trace_export import export
 from cosim.cli.trace_layout import layout
-from cosim.cli.trace_view import comparison_view, recovery_view, report_view, verification_view
+from cosim.cli.trace_view import (
+    comparison_view,
+    recovery_line,
+    recovery_view,
+    report_view,
+    verification_line,
+    verification_view,
+)
 from cosim.cli.verbs import TraceVerbs
 from cosim.core import CheckFailedError, LossError, printable
 from cosim.trace import cite, describe, recover as recover_trace, render, verify as verify_trace
 from cosim.trace.live import Player, view_in_rerun
+from cosim.trace.outcome import ended_of
 from cosim.trace.report import write_comparison, write_report
 
 trace_app = HelpTyper(
@@ -64,12 +71,16 @@ def info(
     cosim trace info traces/auv-survey.mcap
     """
     description = describe(file, hashed=hashed)
+    ended = ended_of(description)
     answer(
         as_json,
         lambda: description,
-        lambda: Group(
-            render(description, details=details),
-            *([] if details else [commands(f"cosim trace info {file} --details")]),
+        lambda: render(description, details=details),
+        line=ended.what,
+        tone=ended.tone,
+        then=(
+            typed("trace report", file),
+            *(() if details else (typed("trace info", file, "--details"),)),
         ),
     )
 
@@ -112,11 +123,21 @@ def report(
     if compare is None:
         written = write_report(file, out)
         output = written.output
-        answer(as_json, written.to_json, lambda: report_view(written))
+        answer(
+            as_json,
+            written.to_json,
+            lambda: report_view(written),
+            line=f"report: {output} ({written.bytes / 1e6:.1f} MB, {written.charts} charts)",
+        )
     else:
         both = write_comparison(file, compare, out)
         output = both.output
-        answer(as_json, both.to_json, lambda: comparison_view(both))
+        answer(
+            as_json,
+            both.to_json,
+            lambda: comparison_view(both),
+            line=f"report: {output} ({both.bytes / 1e6:.1f} MB, {both.charts} charts)",
+        )
     if show:
         webbrowser.open(output.absolute().as_uri())
 
@@ -162,7 +183,14 @@ def recover(
     """
     with progress() as report_progress:
         result = recover_trace(file, out, force=force, strict=strict, progress=report_progress)
-    answer(as_json, result.to_json, lambda: recovery_view(result))
+    answer(
+        as_json,
+        result.to_json,
+        lambda: recovery_view(result),
+        line=recovery_line(result),
+        tone="open" if result.lost else "good",
+        then=(typed("trace info", result.output), typed("trace report", result.output)),
+    )
     if result.lost:
         raise typer.Exit(LossError.exit_code)
 
@@ -175,6 +203,7 @@ def verify(
         typer.Option("--fmus", help="Folder in which the FMUs of the run are looked up by hash."),
     ] = None,
     *,
+    details: DetailsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Check that a trace is complete, unchanged and consistent.
@@ -192,7 +221,15 @@ def verify(
     cosim trace verify traces/auv-survey.mcap --fmus fmus --json
     """
     found = verify_trace(file, fmus)
-    answer(as_json, found.to_json, lambda: verification_view(found))
+    incomplete = found.verdict == "incomplete"
+    answer(
+        as_json,
+        found.to_json,
+        lambda: verification_view(found, details=details),
+        line=verification_line(found),
+        tone={"ok": "good", "failed": "bad"}.get(found.verdict, "open"),
+        then=(typed("trace recover", file),) if incomplete else (),
+    )
     if found.verdict != "ok":
         failed = found.verdict == "failed"
         raise typer.Exit(CheckFailedError.exit_code if failed else LossError.exit_code)
@@ -210,7 +247,7 @@ def cite_verb(file: FileArgument, *, as_json: JsonOption = False) -> None:
     cosim trace cite traces/auv-survey.mcap --json
     """
     found = cite(file)
-    # as it is to be pasted: not wrapped
+    # as it is pasted: not wrapped, and nothing before it
     text = f"{found.methods}\n\n{found.bibtex}"
     print(json.dumps(found.to_json(), indent=1) if as_json else printable(text))
 
@@ -303,7 +340,8 @@ def view(
     cosim trace view traces/auv-survey.mcap --save run.rrd
     """
     viewed = view_in_rerun(file, save)
-    answer(as_json, viewed.to_json, lambda: Text(viewed.text()))
+    line, _, rest = viewed.text().partition("\n")
+    answer(as_json, viewed.to_json, (lambda: Text(rest)) if rest else None, line=line)
 
 
 for elsewhere in (export, layout, diff):

@@ -13,10 +13,11 @@ from cosim.cli.common import (
     output_file,
     progress,
 )
+from cosim.cli.terminal import typed
 from cosim.cli.trace_view import diff_view
 from cosim.core import CheckFailedError, InputError
 from cosim.trace import Tolerances, diff as compare
-from cosim.trace.comparison import Tolerance, diff_json, draw_diff
+from cosim.trace.comparison import Tolerance, diff_json, diff_verdict, draw_diff
 
 
 def diff(
@@ -73,6 +74,9 @@ def diff(
         as_json,
         lambda: diff_json(found) | {"picture": None if drawn is None else str(drawn)},
         lambda: diff_view(found),
+        line=diff_verdict(found),
+        tone="good" if found.equal else "bad",
+        then=() if found.identical else (typed("trace report", a, "--compare", b),),
     )
     if not found.equal:
         raise typer.Exit(CheckFailedError.exit_code)

@@ -16,7 +16,7 @@ from cosim.cli.common import (
     progress,
 )
 from cosim.cli.terminal import table
-from cosim.core import InputError
+from cosim.core import InputError, counted
 from cosim.trace import export as write_tables
 from cosim.trace.exports import WrittenTable
 from cosim.trace.ros2 import WrittenBag, export_bag
@@ -101,7 +101,15 @@ def export(
             wide=wide,
             report_progress=report_progress,
         )
-    answer(as_json, lambda: _json(file, chosen, written), lambda: _view(written))
+    places = dict.fromkeys(one.path for one in written)
+    where = next(iter(places)) if len(places) == 1 else written[0].path.parent
+    answer(
+        as_json,
+        lambda: _json(file, chosen, written),
+        lambda: _view(written),
+        line=f"written: {counted(len(written), 'table')} to {where}",
+        tone="good",
+    )
 
 
 def _write_bag(
@@ -125,7 +133,14 @@ def _write_bag(
         bag = export_bag(
             file, out, topics=topics, start=start, end=end, report_progress=report_progress
         )
-    answer(as_json, lambda: _bag_json(file, bag), lambda: _bag_view(bag))
+    answer(
+        as_json,
+        lambda: _bag_json(file, bag),
+        lambda: _bag_view(bag),
+        line=f"bag: {bag.path}, {counted(len(bag.topics), 'topic')}",
+        tone="good",
+        then=(f"ros2 bag play {bag.path}",),
+    )
 
 
 def _format_of(out: Path | None) -> Format:
@@ -162,9 +177,8 @@ def _bag_json(file: Path, bag: WrittenBag) -> dict[str, Any]:
 
 def _bag_view(bag: WrittenBag) -> Group:
     rows = ((topic, str(count)) for topic, count in bag.topics.items())
-    lines = [f"bag: {bag.path}"]
-    if bag.left_out:
-        lines.append(f"left out, no message of ROS 2 for it: {', '.join(bag.left_out)}")
+    lines = [f"left out, no message of ROS 2 for it: {', '.join(bag.left_out)}"]
+    lines = lines if bag.left_out else []
     return Group(table((Column("topic", overflow="fold"), ">messages"), rows), *lines)
 
 

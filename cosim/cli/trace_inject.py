@@ -18,8 +18,9 @@ from cosim.cli.common import (
     output_trace,
     progress,
 )
-from cosim.cli.replay_view import inject_json, inject_view
+from cosim.cli.replay_view import inject_json, inject_line, inject_tone, inject_view
 from cosim.cli.runs import make_fmu_cache
+from cosim.cli.terminal import typed
 from cosim.core import CheckFailedError, ComponentError, InputError, check_output
 from cosim.fmu import FmuDescription
 from cosim.fmu.export import DEFAULT_FLAVOUR
@@ -161,7 +162,14 @@ def inject(
         fmu = place.find(into)
         request = replace(request, parameters=_values(fmu, parameters))
         found = run_injection(file, fmu, target, request, progress=report_progress)
-    answer(as_json, lambda: inject_json(found), lambda: inject_view(found))
+    answer(
+        as_json,
+        lambda: inject_json(found),
+        lambda: inject_view(found),
+        line=inject_line(found),
+        tone=inject_tone(found),
+        then=(typed("trace report", found.trace),),
+    )
     if found.status == "failed":
         raise typer.Exit(ComponentError.exit_code)
     if found.compared is not None and not found.compared.equal:

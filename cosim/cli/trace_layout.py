@@ -15,6 +15,7 @@ from cosim.cli.common import (
     output_file,
 )
 from cosim.cli.terminal import table
+from cosim.core import counted
 from cosim.trace.viewers import Viewer, WrittenLayout, write_layout
 
 
@@ -45,12 +46,16 @@ def layout(
     cosim trace layout traces/auv-survey.mcap --for plotjuggler -o auv.xml
     """
     written = write_layout(file, viewer, out)
-    answer(as_json, written.to_json, lambda: _view(written))
+    answer(
+        as_json,
+        written.to_json,
+        lambda: _view(written),
+        line=f"layout: {written.path}, {counted(len(written.tabs), 'tab')} of curves",
+        tone="good",
+    )
 
 
 def _view(written: WrittenLayout) -> Group:
     rows = ((title, str(count)) for title, count in written.tabs.items())
-    lines = [f"layout: {written.path}"]
-    if written.left_out:
-        lines.append(f"left out, for want of room: {written.left_out} curves")
+    lines = [f"left out, for want of room: {written.left_out} curves"] if written.left_out else []
     return Group(table((Column("tab", overflow="fold"), ">curves"), rows), *lines)

@@ -16,7 +16,7 @@ from cosim.cli.common import (
     output_trace,
     progress,
 )
-from cosim.cli.replay_view import rerun_view
+from cosim.cli.replay_view import rerun_line, rerun_view
 from cosim.cli.runs import make_fmu_cache
 from cosim.core import CheckFailedError
 
@@ -38,6 +38,12 @@ def rerun(
     """
     with progress() as report_progress:
         result = replay.rerun(file, make_fmu_cache(fmus), output=out, progress=report_progress)
-    answer(as_json, result.to_json, lambda: rerun_view(result))
+    answer(
+        as_json,
+        result.to_json,
+        lambda: rerun_view(result),
+        line=rerun_line(result),
+        tone="good" if result.identical else "bad",
+    )
     if not result.identical:
         raise typer.Exit(CheckFailedError.exit_code)

@@ -6,27 +6,20 @@ from rich.console import Group, RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, number, plain, table
+from cosim.cli.terminal import NONE, TONES, number, plain, table
+from cosim.core import counted
 from cosim.trace import Diff, Recovery, Verification
-from cosim.trace.comparison import diff_verdict, further_differences
+from cosim.trace.comparison import further_differences
 from cosim.trace.report import ComparisonReport, Report
 from cosim.trace.rows import RESULT
 
 _MOST, _MOST_DAMAGE = 25, 20
-_TONES = {"good": "green", "bad": "red", "open": "yellow"}
 _COLOURS = {"ok": "green", "failed": "bold red", "incomplete": "yellow", "not checked": "dim"}
-_WORDS = {
-    "ok": "all checks passed",
-    "failed": "a check FAILED",
-    "incomplete": "no check failed, but the file is not complete",
-}
 
 
 def diff_view(found: Diff) -> RenderableType:
-    """Show the verdict, the differing signals and links, and how the two runs differ."""
-    colour = "green" if found.equal else "red"
-    parts: list[RenderableType] = [Text(diff_verdict(found), style=f"bold {colour}")]
-    parts += [
+    """Show the differing signals and links, and how the two runs differ."""
+    parts: list[RenderableType] = [
         plain(f"outcome: {change.a or NONE} | {change.b or NONE}")
         for change in found.context.entries
         if (change.where, change.key) == (RESULT, "headline")
@@ -119,8 +112,19 @@ def _context(found: Diff) -> list[RenderableType]:
     return parts
 
 
+def recovery_line(found: Recovery) -> str:
+    """Say what a recovery kept, and what was lost."""
+    if found.complete:
+        return f"nothing to recover: {found.output} has every message"
+    if not found.lost:
+        return f"recovered: {found.output}, {found.messages} messages, nothing lost"
+    count = found.lost_messages
+    lost = "an unknown number" if count is None else str(count)
+    return f"recovered: {found.output}, {found.messages} messages; {lost} lost"
+
+
 def recovery_view(found: Recovery) -> Table:
-    """Show where the new file is, what it contains and what was lost."""
+    """Show what the new file contains and what was lost."""
     view = Table.grid(padding=(0, 2))
     view.add_column(style="bold")
     view.add_column(overflow="fold")
@@ -149,40 +153,47 @@ def recovery_view(found: Recovery) -> Table:
     return view
 
 
-def verification_view(found: Verification) -> Group:
-    """Show one line per check, then the verdict."""
+def verification_line(found: Verification) -> str:
+    """Say whether a trace is whole and unchanged, and how many checks say so."""
+    counts = [sum(check.verdict == word for check in found.checks) for word in ("ok", "failed")]
+    if found.verdict == "ok":
+        return f"{found.path}: all checks passed ({counts[0]})"
+    if found.verdict == "failed":
+        return f"{found.path}: {counts[1]} of {len(found.checks)} checks FAILED"
+    return f"{found.path}: no check failed, but the file is not complete"
+
+
+def verification_view(found: Verification, *, details: bool) -> Table:
+    """Show a line for each check that did not pass; with `details` for every one."""
     view = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
     view.add_column(style="bold", no_wrap=True)
     view.add_column(no_wrap=True)
     view.add_column(overflow="fold")
+    passed = 0
     for check in found.checks:
+        if check.verdict == "ok" and not details:
+            passed += 1
+            continue
         verdict = Text(check.verdict, style=_COLOURS[check.verdict])
         view.add_row(check.name, verdict, plain(check.detail))
-    last = plain(f"{found.path}: {_WORDS[found.verdict]}")
-    last.stylize(_COLOURS[found.verdict])
-    return Group(view, last)
+    if passed:
+        view.add_row("", Text("ok", _COLOURS["ok"]), f"{counted(passed, 'check')} (--details)")
+    return view
 
 
 def comparison_view(written: ComparisonReport) -> Text:
-    """Show where a page of two traces was written, how the runs ended, and whether they differ."""
+    """Show how the runs of a page of two traces ended, and whether they differ."""
     first, second = written.statuses
     return Text.assemble(
-        "report: ",
-        (str(written.output), "bold"),
-        f" ({written.bytes / 1e6:.1f} MB, {written.charts} charts)\n"
         f"the first: {first}\nthe second: {second}\n",
         (written.verdict, "green" if written.equal else "yellow"),
     )
 
 
 def report_view(written: Report) -> Text:
-    """Show where a report was written, the run's status and its guarantee."""
-    text = Text.assemble(
-        "report: ",
-        (str(written.output), "bold"),
-        f" ({written.bytes / 1e6:.1f} MB, {written.charts} charts)\nthe run: {written.status}",
-    )
+    """Show the status of the run in a report, and its guarantee."""
+    text = Text(f"the run: {written.status}")
     if written.guarantee is not None:
         check = written.guarantee
-        text.append(f"\n{check.what}", style=_TONES[check.tone]).append(f": {check.why}")
+        text.append(f"\n{check.what}", style=TONES[check.tone]).append(f": {check.why}")
     return text

@@ -12,6 +12,7 @@ from cosim import vehicle as vehicles
 from cosim.cli.arguments import number_or_text, write
 from cosim.cli.common import (
     FMUS,
+    DetailsOption,
     FmusOption,
     JsonOption,
     answer,
@@ -22,9 +23,16 @@ from cosim.cli.common import (
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.run_view import outcome_view
 from cosim.cli.runs import exit_with, interruptions_reported, make_fmu_cache
-from cosim.cli.terminal import console, titles_table
-from cosim.cli.vehicle_view import findings_view, flight_view, keys_view, overview_view
-from cosim.core import InputError, seconds, unreadable
+from cosim.cli.terminal import console, titles_table, typed
+from cosim.cli.vehicle_view import (
+    findings_line,
+    findings_view,
+    flight_view,
+    keys_view,
+    overview_view,
+)
+from cosim.core import InputError, counted, seconds, unreadable
+from cosim.trace.outcome import answer_of
 
 vehicle_app = HelpTyper(
     help="Create, check, show and fly a vehicle from its parameters: designed, proved, simulated.",
@@ -58,6 +66,8 @@ def list_vehicles(*, as_json: JsonOption = False) -> None:
         as_json,
         lambda: {"vehicles": rows},
         lambda: titles_table("vehicle", "what it is", rows),
+        line=f"{len(rows)} vehicles are in the gallery",
+        then=(typed("vehicle fly", rows[0]["name"]), "cosim vehicle new my-vehicle"),
     )
 
 
@@ -81,11 +91,12 @@ def new(
     if path.exists():
         raise InputError("this file already exists", where=str(path), hint="use another name")
     write(path, text)
-    data = {"file": str(path), "like": like}
     answer(
         as_json,
-        lambda: data,
-        lambda: f"{path}\nnext: cosim vehicle check {path}; cosim vehicle fly {path}",
+        lambda: {"file": str(path), "like": like},
+        line=f"written: {path}, a copy of {like} with a comment for every key",
+        tone="good",
+        then=(typed("vehicle check", path), typed("vehicle fly", path)),
     )
 
 
@@ -114,8 +125,16 @@ def check(
             for name, each_found in found.items()
         ]
     }
-    answer(as_json, lambda: data, lambda: findings_view(found))
-    if any(each.level == "error" for some in found.values() for each in some):
+    wrong = any(each.level == "error" for some in found.values() for each in some)
+    answer(
+        as_json,
+        lambda: data,
+        (lambda: findings_view(found)) if any(found.values()) else None,
+        line=findings_line(found),
+        tone="bad" if wrong else "good",
+        then=() if wrong else tuple(typed("vehicle fly", name) for name in found),
+    )
+    if wrong:
         raise typer.Exit(InputError.exit_code)
 
 
@@ -169,6 +188,8 @@ def show(
                 for heading, (_, table) in tables.items()
             },
             lambda: keys_view(tables),
+            line=f"a vehicle file has {counted(len(tables), 'table')}; its keys:",
+            then=("cosim vehicle new my-vehicle",),
         )
         return
     if name is None:
@@ -188,6 +209,8 @@ def show(
         as_json,
         lambda: found.to_json() | {"picture": drawn},
         lambda: overview_view(found, drawn, parameters=parameters),
+        line=f"{found.vehicle.name}: {found.vehicle.description}",
+        then=(typed("vehicle fly", name),),
     )
 
 
@@ -217,6 +240,7 @@ def fly(
         ),
     ] = None,
     fmus: FmusOption = FMUS,
+    details: DetailsOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Design for a vehicle over a slow link, prove the design, and fly it.
@@ -226,8 +250,8 @@ def fly(
     as FMUs; a scenario that can be changed and run again. The loop is closed on board. Over the
     link, late and with losses in runs, come the set-points and what the file measures over = "link"
     of the controlled states; the output says what crosses which link, and up to which age the
-    proof holds. The summary lists every assumption of the guarantee, met or not; the folder keeps
-    the design, the trace and a picture.
+    proof holds. The summary says which assumptions of the guarantee were not met, with --details
+    all of them; the folder keeps the design, the trace and a picture.
 
     Exit code 0: the flight is done; 2: the vehicle or an option is not valid; 4: a component
     failed; 5: nothing could be certified.
@@ -257,9 +281,17 @@ def fly(
             say=lines.print,
             progress=report_progress,
         )
+    ended = answer_of(craft.name, flight.outcome)
     answer(
         as_json,
         flight.to_json,
-        lambda: flight_view(flight, outcome_view(flight.outcome, details=True)),
+        lambda: flight_view(flight, outcome_view(flight.outcome, details=details)),
+        line=ended.what,
+        tone=ended.tone,
+        then=(
+            typed("trace report", flight.outcome.trace),
+            typed("run", flight.folder / "scenario.toml"),
+            typed("certificate check", flight.folder / "design.json"),
+        ),
     )
     exit_with(flight.outcome)

@@ -19,10 +19,18 @@ if TYPE_CHECKING:
 _COLOURS = {"error": "red", "warning": "yellow", "note": "cyan"}
 
 
+def findings_line(found: Mapping[str, Sequence[Finding]]) -> str:
+    """Say of each vehicle how many errors it has, or that it has none."""
+    counts = {
+        name: sum(each.level == "error" for each in findings) for name, findings in found.items()
+    }
+    return "; ".join(f"{name}: {counted(n, 'error') if n else 'ok'}" for name, n in counts.items())
+
+
 def findings_view(found: Mapping[str, Sequence[Finding]]) -> RenderableType:
     """Show what is wrong with vehicles, or doubtful, the errors first."""
     parts: list[RenderableType] = []
-    for name, findings in found.items():
+    for findings in found.values():
         for level, colour in _COLOURS.items():
             style = f"bold {colour}"
             parts += [
@@ -30,9 +38,6 @@ def findings_view(found: Mapping[str, Sequence[Finding]]) -> RenderableType:
                 for each in findings
                 if each.level == level
             ]
-        errors = sum(each.level == "error" for each in findings)
-        verdict = ("ok", "bold green") if not errors else (counted(errors, "error"), "bold red")
-        parts.append(Text.assemble(f"{name}: ", verdict))
     return Group(*parts)
 
 
@@ -55,7 +60,6 @@ def overview_view(found: Overview, picture: str | None, *, parameters: bool) -> 
     vehicle = found.vehicle
     source = " ".join(vehicle.source.split())
     parts: list[RenderableType] = [
-        Text.assemble((vehicle.name, "bold"), f"  {vehicle.description}"),
         Text(f"source: {source}", style="dim"),
         facts(*_facts(found)),
         _mass(found),
@@ -148,10 +152,6 @@ def flight_view(flight: Flight, summary: RenderableType) -> RenderableType:
     files = Text.assemble(
         "picture: ",
         (str(picture), "bold"),
-        "\nagain:   ",
-        (f"cosim run {flight.folder / 'scenario.toml'}", "bold"),
-        "\nproof:   ",
-        (f"cosim certificate check {flight.folder / 'design.json'}", "bold"),
     )
     links = [Text(one.line, style="dim") for one in flight.crossings]
     return Group(summary, *links, *neglected, files)

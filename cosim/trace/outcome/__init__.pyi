@@ -23,8 +23,10 @@ from .run_events import (
 )
 from .run_outcome import outcome_of as outcome_of
 from .verdict import (
+    answer_of as answer_of,
     assumptions_of as assumptions_of,
     departures_text as departures_text,
+    ended_of as ended_of,
     facts_of as facts_of,
     guarantee_of as guarantee_of,
 )

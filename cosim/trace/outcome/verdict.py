@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from cosim.core import at_most
+from cosim.trace.outcome.assertions import failed_in
 from cosim.trace.outcome.outages import outage_rows, outage_verdict
 from cosim.trace.outcome.run_outcome import BAD, CONTRADICTION, GOOD, OPEN, RunOutcome
 from cosim.trace.outcome.wordings import AGE_OF, number_in, words_of
@@ -99,6 +101,54 @@ def _not_claimed(
         return Statement(*outage_verdict(outages))
     count = f"{len(broken)} of {len(checks)} assumptions"
     return Statement(BAD, "The guarantee is not claimed", f"{count} not met; {measured}")
+
+
+def answer_of(
+    name: str, outcome: RunOutcome, verified: Mapping[str, Any] | None = None
+) -> Statement:
+    """Say in one sentence how a run ended, against what was asked of it and what was proved.
+
+    It is the first line of every view of a run.
+
+    name : of the run.
+    verified : as for `guarantee_of`.
+    """
+    reason = (outcome.reason or "").strip().partition("\n")[0]
+    broken = [each for each in outcome.assertions if not each.as_expected]
+    if outcome.contradiction is not None:
+        reason = outcome.contradiction
+    elif not reason and broken:
+        reason = f"{broken[0].name or broken[0].words}{broken[0].place}"
+    parts = [outcome.headline, reason]
+    if reason.startswith(outcome.status):  # which says when, too
+        parts = [reason, failed_in(outcome.assertions)]
+    elif outcome.status != "finished" and outcome.simulated_s is not None:
+        parts[0] = f"{parts[0]} at {outcome.simulated_s:g} s"
+    ended = ": ".join(filter(None, parts))
+    return Statement(outcome.tone, f"{name}: {ended}; {_claim(outcome, verified)}", "")
+
+
+def ended_of(info: Mapping[str, Any]) -> Statement:
+    """Say in one sentence how the run in a file ended; `info` : what `describe` says of it."""
+    known = info["outcome"]
+    outcome = None if known is None else RunOutcome.from_json(known)
+    name = info["run"].get("scenario") or Path(info["path"]).name
+    state = status_of(info, outcome)
+    if outcome is None or not info["complete"]:
+        return Statement(state.tone, f"{name}: {state.what}: {state.why}", "")
+    return answer_of(name, outcome, info.get("verified"))
+
+
+def _claim(outcome: RunOutcome, verified: Mapping[str, Any] | None) -> str:
+    """Say in half a sentence what a run may claim."""
+    found = guarantee_of(outcome, assumptions_of(outcome), verified)
+    if found is None:
+        return "nothing was proved of it"
+    words = f"{found.what[0].lower()}{found.what[1:]}"
+    gain, gamma = number_in(outcome.metrics, "gain"), number_in(outcome.metrics, "gamma")
+    if gain is None or gamma is None or found.tone != GOOD:
+        return words
+    return f"{words} (gain {gain:.4g}, at most {at_most(gamma, 5)} proved)"
 
 
 def facts_of(
