@@ -41,7 +41,7 @@ def test_the_printed_gain_and_its_certificate(folder: Path) -> None:
     assert found["certificate"] == "a.json"
     checked = cosim("certificate", "check", "a.json", "--json", cwd=folder)
     assert checked.json["valid"] is True
-    seen = cosim("certificate", "check", "a.json", cwd=folder)
+    seen = cosim("certificate", "check", "a.json", "--details", cwd=folder)
     assert "Theorem 1" in seen.out
     data = json.loads((folder / "a.json").read_text("utf-8"))
     data["variables"]["gamma"] = data["claim"]["gamma"] = "5"
@@ -156,7 +156,7 @@ def test_ages_from_the_file_and_from_the_command_line(folder: Path) -> None:
         assert found["certified"] is True
         assert found["terms"] == [age]
     assert cosim("analyse", "plain.toml", *words, "--json", cwd=folder).json["certified"] is False
-    seen = cosim("certificate", "check", "a.json", cwd=folder)
+    seen = cosim("certificate", "check", "a.json", "--details", cwd=folder)
     assert seen.code == 0
     assert "ages as they are, order 1" in seen.out
     assert "a sampled age, a = least_age" in seen.out

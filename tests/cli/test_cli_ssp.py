@@ -48,7 +48,17 @@ def test_scenario_is_exported_and_imported_again(folder: Path, links: str) -> No
     )
     assert out.code == 0, out.err
     assert set(out.json) == {
-        *("ssp", "components", "connections", "links", "resources", "step", "end", "warnings")
+        *(
+            "answer",
+            "ssp",
+            "components",
+            "connections",
+            "links",
+            "resources",
+            "step",
+            "end",
+            "warnings",
+        )
     }
     assert out.json["links"] == {"uplink": {"annotate": "annotation", "fmu": "FMU"}[links]}
     warned = any("other tools ignore the links uplink" in w for w in out.json["warnings"])

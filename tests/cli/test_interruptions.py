@@ -17,7 +17,7 @@ class Dropped:
     def __del__(self):
         signal.raise_signal(signal.{number})
 
-def work(*_):
+def work(*_, **__):
     Dropped()
     {then}
 

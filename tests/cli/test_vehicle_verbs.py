@@ -16,7 +16,8 @@ from cosim.vehicle import VEHICLES, vehicle_text
 def test_a_new_vehicle_file_explains_its_keys_and_can_be_read(like: str, tmp_path: Path) -> None:
     """A copy of each of the gallery, under another name; never over a file."""
     made = cosim("vehicle", "new", "mine", "--like", like, "--json", cwd=tmp_path)
-    assert made.json == {"file": "mine.toml", "like": like}
+    made_of = f"written: mine.toml, a copy of {like} with a comment for every key"
+    assert made.json == {"answer": made_of, "file": "mine.toml", "like": like}
     text = tmp_path.joinpath("mine.toml").read_text("utf-8")
     assert "# Dry mass m" in text
     assert '\nname = "mine"\n' in text

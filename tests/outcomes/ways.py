@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 import signal
 import subprocess
 import sys
@@ -232,9 +233,10 @@ class Found:
     @property
     def headline(self) -> str:
         """How the run ended, by its summary, or by the message of an interrupted one; else ""."""
+        answer, following, _ = self.summary.partition("\nnext:")
+        if following:
+            return re.split(r":\s|;\s", answer)[1].replace("\n", " ")
         for line in self.summary.splitlines():
-            if " simulated in " in line:
-                return line.partition(": ")[2].partition(" after ")[0]
             if line.strip().startswith("got: stopped"):
                 return line.strip().removeprefix("got: ").partition(": ")[0]
         return ""

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from cosim.core import at_most
-from cosim.trace.outcome.assertions import failed_in
 from cosim.trace.outcome.outages import outage_rows, outage_verdict
 from cosim.trace.outcome.run_outcome import BAD, CONTRADICTION, GOOD, OPEN, RunOutcome
 from cosim.trace.outcome.wordings import AGE_OF, number_in, words_of
@@ -119,13 +118,9 @@ def answer_of(
         reason = outcome.contradiction
     elif not reason and broken:
         reason = f"{broken[0].name or broken[0].words}{broken[0].place}"
-    parts = [outcome.headline, reason]
-    if reason.startswith(outcome.status):  # which says when, too
-        parts = [reason, failed_in(outcome.assertions)]
-    elif outcome.status != "finished" and outcome.simulated_s is not None:
-        parts[0] = f"{parts[0]} at {outcome.simulated_s:g} s"
-    ended = ": ".join(filter(None, parts))
-    return Statement(outcome.tone, f"{name}: {ended}; {_claim(outcome, verified)}", "")
+    reason = reason.removeprefix(f"{outcome.status} ")  # as the headline has it
+    parts = [": ".join(filter(None, (name, outcome.headline, reason))), _claim(outcome, verified)]
+    return Statement(outcome.tone, "; ".join(filter(None, parts)), "")
 
 
 def ended_of(info: Mapping[str, Any]) -> Statement:
@@ -140,10 +135,11 @@ def ended_of(info: Mapping[str, Any]) -> Statement:
 
 
 def _claim(outcome: RunOutcome, verified: Mapping[str, Any] | None) -> str:
-    """Say in half a sentence what a run may claim."""
+    """Say in half a sentence what a run may claim; "" of one that failed without a design."""
     found = guarantee_of(outcome, assumptions_of(outcome), verified)
     if found is None:
-        return "nothing was proved of it"
+        finished = outcome.status == "finished"
+        return "no design was named, so nothing is guaranteed" if finished else ""
     words = f"{found.what[0].lower()}{found.what[1:]}"
     gain, gamma = number_in(outcome.metrics, "gain"), number_in(outcome.metrics, "gamma")
     if gain is None or gamma is None or found.tone != GOOD:
