@@ -335,7 +335,7 @@ def design(
             }
         ),
         lambda: result_view(name, found, greatest, nominal, remark),
-        **verdict(name, found, save),
+        **verdict(name, found, save, greatest),
     )
 
 
@@ -499,5 +499,5 @@ def analyse(
         as_json,
         lambda: result_json(name, found, saved, greatest) | {"norm_certificate": norm_file},
         lambda: result_view(name, found, greatest),
-        **verdict(name, found, saved),
+        **verdict(name, found, saved, greatest),
     )

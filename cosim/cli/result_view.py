@@ -60,7 +60,12 @@ def result_view(
     return Group(*why, *_gains(name, result), rows, *lines)
 
 
-def verdict(name: str, result: hinf.Result, saved: Path | None) -> Verdict:
+def verdict(
+    name: str,
+    result: hinf.Result,
+    saved: Path | None,
+    greatest: hinf.GreatestDelay | None = None,
+) -> Verdict:
     """Return the answer about a loop: whether it is proved, of what, and where that was saved.
 
     saved : the file of the design or of the certificate, if there is one.
@@ -71,6 +76,8 @@ def verdict(name: str, result: hinf.Result, saved: Path | None) -> Verdict:
     if not result.certified:
         return {"line": f"not certified, {result.verdict}: {what}", "tone": "open", "then": ()}
     bound = "stable" if result.gamma is None else f"gamma {at_most(result.gamma)}"
+    if greatest is not None and greatest.delay is not None:
+        bound += f", delay {greatest.delay_index + 1} up to {at_least(greatest.delay)} s"
     where = "" if saved is None else f"; saved: {saved}"
     check = () if saved is None else (typed("certificate check", saved),)
     return {"line": f"certified: {what}; {bound}{where}", "tone": "good", "then": check}

@@ -14,43 +14,18 @@ from cli.commands import leaf_of, listed_commands
 from cli.shell import cosim
 from shared import copied, fmu_store, share_of
 
-EXAMPLE = re.compile(r"^  (cosim .*)$", re.MULTILINE)
-NOT_RUN = (
-    "study sensitivity",
-    "trace play",
-    "trace view",
-    "--scheduler",
-    "--workers",
-    "paper --html",
-    "theirs.ssp",
-    "my-system.toml --outages",
-    "flight.mcap",
-    "--design gain.json",
-)
-"""A study, a server, a viewer, a cluster, an archive that are not here, or would not end; a
-system whose feedback is late, the trace of a flight, and a design that is proved across outages.
-"""
-OTHER_CODES = {"trace diff": 1, "trace recover": 3, "migrate --check": 1}
-"""Of examples that compare different runs, read a trace that was cut, and find old files."""
+from docs_site import first_lines
+from docs_site.help_examples import OTHER_CODES, OWN_SYSTEM, in_order, why_not_run
 
-BEFORE = (
-    *("scenario", "design", "fmu build", "fmu controller", "ssp", "study run", "trace rerun"),
-    *("vehicle new", "link record"),
+EXAMPLE = re.compile(r"^  (cosim .*)$", re.MULTILINE)
+BEFORE = tuple(
+    f"cosim {verb}"
+    for verb in (
+        *("run auv-acoustic", "demo", "scenario", "design", "fmu build", "fmu controller", "ssp"),
+        *("study run", "trace rerun", "vehicle new", "link record"),
+    )
 )
 """What writes the files that others read."""
-
-SYSTEM = """[system]
-A = [[-5.0, 0.0], [6.0, -10.0]]
-A1 = [[-1.0, 0.0], [2.0, 1.0]]
-B = [[-1.0], [3.0]]
-C = [[4.0], [3.0]]
-D = [[-1.0, 0.0], [0.0, -1.0]]
-D1 = [[4.0], [3.0]]
-D2 = [[3.0], [-1.0]]
-d = 0.3
-"""
-
-
 EVERY = [(), *(found.path for found in listed_commands())]
 """The words of every command and group that is listed, `cosim` itself first."""
 
@@ -129,33 +104,36 @@ def test_the_first_screen_is_followed_literally(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Typed one after the other, after what `cosim` alone shows: each does what it says.
+    """Typed one after the other, after what `cosim` alone shows: each answers in its first line.
 
-    With a SHARE, those that write what others read, and an eighth of the others.
+    The answers are those of the page of first lines. With a SHARE, those that write what others
+    read, and an eighth of the others.
     """
-    (tmp_path / "my-system.toml").write_text(SYSTEM, "utf-8")
+    (tmp_path / "my-system.toml").write_text(OWN_SYSTEM, "utf-8")
     copied(fmu_store("python", "native"), tmp_path / "fmus")
     monkeypatch.setattr("webbrowser.open", lambda _: True)
-    first = [line for line in EXAMPLE.findall(cosim(cwd=tmp_path).out) if "COMMAND" not in line]
-    leaves = [path for path in EVERY if not hasattr(leaf_of(list(path))[0], "commands")]
-    leaves.sort(key=lambda path: not " ".join(path).startswith(BEFORE))
-    leaves.sort(key=lambda path: path not in {("scenario", "new"), ("ssp", "export")})
+    answers, failed = first_lines.rows(), {}
+    trace = tmp_path / "traces" / "auv-survey.mcap"
+    lines = in_order()
     kept = share_of(range(8))
-    writing = [path for path in leaves if " ".join(path).startswith(BEFORE)]
-    leaves = [path for i, path in enumerate(leaves) if path in writing or i % 8 in kept]
-    failed = {}
-    # some examples read the trace of such a run; the demo writes others
-    lines = ["cosim run auv-acoustic", "cosim run auv-acoustic-naive", *first]
-    lines += [line for path in leaves for line in examples(path, tmp_path)]
-    for line in dict.fromkeys(lines):
-        if any(words in line for words in NOT_RUN):
+    lines = [line for i, line in enumerate(lines) if line.startswith(BEFORE) or i % 8 in kept]
+    for line in lines:
+        if why_not_run(line) is not None:
             continue
-        trace = tmp_path / "traces" / "auv-survey.mcap"
         if "trace recover" in line:
             shutil.copy(trace, f"{trace}.partial")
             os.truncate(f"{trace}.partial", trace.stat().st_size // 2)
-        done = cosim(*words_of(line), cwd=tmp_path)
-        allowed = {0, OTHER_CODES.get(" ".join(line.split()[1:3]))}
-        if done.code not in allowed:
+        done = cosim(*words_of(line), cwd=tmp_path, columns=400)
+        answer = first_lines.answer_in(done.out)
+        if done.code not in {0, OTHER_CODES.get(" ".join(line.split()[1:3]))}:
             failed[line] = done.err
+        elif line in answers and not first_lines.alike(answer, answers[line]):
+            failed[line] = f"answers: {answer}\non the page: {answers[line]}"
     assert not failed, "\n".join(f"{line}\n{error}" for line, error in failed.items())
+
+
+def test_the_page_of_first_lines_has_every_command() -> None:
+    """Its rows are the first examples of all commands that are listed, as they stand."""
+    assert set(first_lines.shown().values()) <= set(first_lines.rows())
+    assert all(first_lines.rows().values())
+    assert not first_lines.alike("written: a.toml, 3 lines", "written: b.toml, 3 lines")
