@@ -110,7 +110,8 @@ OutagesOption = Annotated[
     typer.Option(
         "--outages",
         help="Also prove what holds across outages of the link, where zero input takes over by the "
-        "age designed for: rates in touch and out of touch, and the share of time in touch needed.",
+        "age designed for: rates with the link up and in outages, and how long the link must "
+        "be up.",
     ),
 ]
 

@@ -172,12 +172,12 @@ def verdict(
 ) -> None:
     """Say what a proof across outages guarantees over a recorded link.
 
-    Link by link: losses, the share of the time in touch that the proof needs and that the link
-    had, in which share of the time gamma was held, when it was suspended and regained, and how far
+    Link by link: losses, for how much of the time the proof needs the link up and for how much it
+    was, in which share of the time gamma was held, when it was suspended and regained, and how far
     V can have grown. Beside it, for a chain of two hidden states fitted to the losses, two tests of
     mean-square stability, which are about the chain and not about this recording.
 
-    Exit code 1: a link was in touch for less time than needed.
+    Exit code 1: a link was up for less time than needed.
 
     \b
     cosim link verdict uplink.csv --design gain.json --other 0.1

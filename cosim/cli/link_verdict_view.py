@@ -45,9 +45,9 @@ def _json(found: OutageVerdict) -> dict[str, Any]:
 
 
 def verdict_line(file: Path, found: Mapping[str, OutageVerdict]) -> str:
-    """Say of each link whether it was in touch for as long as the proof needs."""
+    """Say of each link whether it was up for as long as the proof needs."""
     return "; ".join(
-        f"{name or file}: the proof {'holds' if each.holds else 'does not hold'}, in touch "
+        f"{name or file}: the proof {'holds' if each.holds else 'does not hold'}, link up "
         f"{_percent(each.bound.share_had)} of the time, {_percent(each.bound.share_needed)} needed"
         for name, each in found.items()
     )
@@ -56,7 +56,7 @@ def verdict_line(file: Path, found: Mapping[str, OutageVerdict]) -> str:
 def verdict_view(file: Path, found: Mapping[str, OutageVerdict]) -> RenderableType:
     """Show a line for each link, and what stands behind it."""
     columns = (
-        *("link", ">loss", ">P(loss|loss)", ">longest run", ">needed", ">in touch", ">gamma held"),
+        *("link", ">loss", ">P(loss|loss)", ">longest run", ">needed", ">link up", ">gamma held"),
         *(">V at most", ">mean square: rates", ">jumps", "verdict"),
     )
     rows = (

@@ -178,11 +178,11 @@ def guarantee_rows(more: hinf.certificate.Guarantees) -> list[Row]:
         rows.append(("|K|", at_most(str(more.gain_limit.bound)), "certified: at most this"))
     if more.outages is not None:
         outages = more.outages
-        rates = f"V falls at 2 x {at_least(str(outages.alpha))} 1/s in touch"
-        text = f"{rates}, grows at most at 2 x {at_most(str(outages.beta))} 1/s out of touch, u = 0"
+        rates = f"V falls at 2 x {at_least(str(outages.alpha))} 1/s with the link up"
+        text = f"{rates}, grows at most at 2 x {at_most(str(outages.beta))} 1/s in outages, u = 0"
         rows.append(
             (
-                "time in touch needed",
+                "link-up time needed",
                 f"{at_most(str(100 * outages.share), 4)} %",
                 f"certified: {text}",
             )

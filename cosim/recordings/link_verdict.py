@@ -1,8 +1,8 @@
-"""What a proof across outages says of a recorded link: in touch, bounded, in mean square.
+"""What a proof across outages says of a recorded link: up for long enough, bounded, in mean square.
 
-A recording is read as the link of a loop: in touch from the arrival of a message on, as long as the
+A recording is read as the link of a loop: up from the arrival of a message on, as long as the
 newest one that has arrived, with what else makes it older, is no older than designed for; the
-proved fallback acts otherwise. Before the first arrival it is out of touch.
+proved fallback acts otherwise. Before the first arrival is an outage.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class OutageVerdict:
 
     @property
     def holds(self) -> bool:
-        """Whether the share of time in touch suffices: V falls over the recording."""
+        """Whether the share of time with the link up suffices: V falls over the recording."""
         return self.bound.share_had > self.bound.share_needed
 
 

@@ -1,9 +1,9 @@
 """Whether a run stayed within what is proved across outages (`cosim.hinf.Outages`).
 
-Each interval between points is in touch (the measurement in use at most as old as designed for at
-its end), out of touch with the proved fallback (the plant's control is zero), or neither: a value
-that is held beyond the age, which nothing covers. Before the first measurement the state is
-constant, so that a control of K x(0) is in touch up to that age.
+In each interval between points the link is up (the measurement in use at most as old as designed
+for at its end), or it is an outage with the proved fallback (the plant's control is zero), or
+neither: a value that is held beyond the age, which nothing covers. Before the first measurement
+the state is constant, so that a control of K x(0) counts as link up until that age.
 
 Along the run V is bounded by B, B(0) = V(0), B' = -2 alpha B or 2 beta B, + gamma |w|^2; from rest
 the gain is weighted as the proof says. `cosim.scenario.outage_value` computes V itself.
@@ -149,12 +149,12 @@ def _has_shorter_delays(system: DelaySystem, plant: Component) -> bool:
 
 
 class _Division:
-    """The time of a run, divided into intervals in touch, out of touch, and not covered.
+    """Time of a run, divided into intervals with the link up, outages, and what no proof covers.
 
     Attributes
     ----------
     alpha, beta : the rates of the proof.
-    touch, points : by block, which intervals are in touch, and where they begin and end [ns].
+    touch, points : by block, in which intervals the link is up, and where they begin and end [ns].
     uncovered_ns, uncovered_at_ns : how long, and since when, something was not covered [ns].
     """
 
@@ -178,14 +178,14 @@ class _Division:
             words = "not covered: the control is held although older than designed for"
             control, over = f"{plant} control", "covered again"
             uncovered = collector.episodes("guarantee", control, words, over, level="error")
-            words = "out of touch: the bound gamma is suspended"
-            over = "touch has made up for it: regained"
+            words = "outage: the bound gamma is suspended"
+            over = "the bound gamma is restored"
             self._episodes = [uncovered, collector.episodes("guarantee", plant, words, over)]
 
     def add(
         self, points: Integers, ages: Integers, u: Reals, first_control: Reals
     ) -> NDArray[np.bool_]:
-        """Take intervals between points [ns]; return which are in touch.
+        """Take intervals between points [ns]; return in which the link is up.
 
         ages : of the measurements in use at their ends [ns]; -1: of none.
         u : the control in them; first_control : K x(0).
@@ -210,7 +210,7 @@ class _Division:
         return touch
 
     def _suspended(self, touch: NDArray[np.bool_], spans: Integers) -> NDArray[np.bool_]:
-        """Return in which intervals the bound is suspended: until touch has made up for it."""
+        """Return in which intervals the bound is suspended: until V is back below its bound."""
         deficits = []
         for there, h in zip(touch.tolist(), spans.tolist(), strict=True):
             rate = -2 * self.alpha if there else 2 * self.beta

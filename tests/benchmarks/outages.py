@@ -150,7 +150,7 @@ def main() -> None:
     found = {name: row(one) for name, one in links if len(one) > 1}
     table = Table(box=None, title="one axis, K = -(0.1, 0.3 d)/d^2, d = 2.4 T, other = 0.3 T")
     for column in (
-        *("link", "loss", "P(loss|loss)", "longest", "oldest", "needed", "in touch", "gamma held"),
+        *("link", "loss", "P(loss|loss)", "longest", "oldest", "needed", "link up", "gamma held"),
         *("e^g", "m.s. rates", "jumps", "holds", "flown"),
     ):
         table.add_column(column, justify="left" if column == "link" else "right")

@@ -1,4 +1,4 @@
-"""A run across outages: in touch, with the fallback, or not covered; V and its bound."""
+"""A run across outages: link up, with the fallback, or not covered; V and its bound."""
 
 from __future__ import annotations
 
@@ -157,12 +157,12 @@ def test_the_summary_says_what_was_suspended(folder: Path) -> None:
     (folder / "s.toml").write_text(SCENARIO.replace("WATCHDOG", "greatest_age = 1.1"), "utf-8")
     words = ("run", "s.toml", "--fmus", fmu_store("native"), "--out", "t.mcap")
     text = " ".join(cosim(*words, cwd=folder).out.split())
-    assert "time in touch, needed" in text
+    assert "link up, needed" in text
     assert "suspended from" in text
     info = " ".join(cosim("trace", "info", "t.mcap", cwd=folder).out.split())
     assert "gamma was suspended" in info
     assert cosim("trace", "report", "t.mcap", cwd=folder).code == 0
-    assert "time in touch, needed" in (folder / "t.html").read_text("utf-8")
+    assert "link up, needed" in (folder / "t.html").read_text("utf-8")
 
 
 @pytest.mark.slow

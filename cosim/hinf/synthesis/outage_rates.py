@@ -93,7 +93,7 @@ def certified_outages(
         outages = search.least_share() if alpha is None else search.at(_decimal(alpha))
     if outages is None:
         raise NotAchievableError(
-            "no rate of decay in touch was found, with a rate of growth out of touch",
+            "no rate of decay was found while the link is up, with a rate of growth in outages",
             where=system.name or None,
             expected=f"feedback of any age up to {feedback.d:g} s that can be proved stable"
             + ("" if gamma is None else f" with a weighted gain of {gamma:g}"),

@@ -15,9 +15,9 @@ def outage_rows(found: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     """Yield the label, the value, and how it was obtained; `found` : the metric."""
     needed, had = found["share_needed"], found["share_had"]
     alpha, beta = found["alpha"], found["beta"]
-    yield "time in touch, needed", _percent(needed), f"certified: alpha {alpha:g}, beta {beta:g}"
+    yield "link up, needed", _percent(needed), f"certified: alpha {alpha:g}, beta {beta:g}"
     outages = f"measured; longest outage {found['longest_outage_s']:.4g} s"
-    yield "time in touch, had", _percent(had), outages
+    yield "link up, had", _percent(had), outages
     if found["uncovered_at_s"] is not None:
         lasted = f"{found['uncovered_s']:.4g} s"
         why = f"from {found['uncovered_at_s']:.6g} s on a value older than designed for was held"
@@ -52,7 +52,7 @@ def outage_verdict(found: Mapping[str, Any]) -> tuple[str, str, str]:
             "although every interval was covered: is the plant the one designed for?",
         )
     had, needed = found["share_had"], found["share_needed"]
-    enough = f"in touch {_percent(had)} of the time, {_percent(needed)} needed"
+    enough = f"link up {_percent(had)} of the time, {_percent(needed)} needed"
     if had <= needed:
         words = "The bound gamma was suspended by outages, and V need not fall"
         return OPEN, words, f"{enough}; V at most {_power(found['exponent'])} V(0)"
