@@ -12,11 +12,11 @@ DEV := $(VENV)/.ready-dev
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint bench chaos docs fmus clean release
+.PHONY: help demo test lint bench chaos docs fmus clean release install-size
 
 help: ## show this list
 	@echo "make <target>   [PYTHON=$(PYTHON)] [VENV=$(VENV)] [JOBS=$(JOBS)]"
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  %-8s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 demo: $(READY) ## fly two designs over the same late link, from design to trace
 	$(BIN)/cosim demo
@@ -62,6 +62,10 @@ release: $(READY) ## make dist/: wheel, sdist, FMUs and SSPs, SBOM, checksums; t
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 		-c constraints.txt -e '.[release]'
 	$(BIN)/python .ci/release.py
+
+install-size: $(DEV) ## install the wheel afresh, list each distribution with its MB [WHEEL=FILE JSON=1]
+	@AUV_COSIM_PREBUILT=$(abspath build/prebuilt) \
+		$(BIN)/python -m tests.benchmarks.install $(WHEEL) --size $(if $(JSON),--json)
 
 clean: ## remove what the other targets made, traces excepted
 	rm -rf .venv .venv-ci fmus dist build site .mypy_cache .pytest_cache .ruff_cache .hypothesis

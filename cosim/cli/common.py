@@ -14,8 +14,9 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.text import Text
 
+from cosim.cli.progress_lines import ProgressLines
 from cosim.cli.terminal import TONES, commands, console
-from cosim.core import check_output, check_output_folder, reported_to, silent
+from cosim.core import check_output, check_output_folder, reported_to
 
 FMUS = Path("fmus")
 TRACES = Path("traces")
@@ -126,10 +127,15 @@ def answer(
 
 @contextmanager
 def progress() -> Iterator[Callable[[str, float], None]]:
-    """Show a progress bar on standard error, if that is a terminal; yield what updates it."""
+    """Show progress on standard error; yield what updates it.
+
+    A bar on a terminal; elsewhere a plain line now and then.
+    """
     terminal = console(error=True)
     if not terminal.is_terminal:
-        yield silent
+        lines = ProgressLines()
+        with reported_to(lines, lines.go_on):
+            yield lines
         return
     from rich.progress import (  # noqa: PLC0415 - only where it is seen
         BarColumn,

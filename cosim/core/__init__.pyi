@@ -106,6 +106,7 @@ from .progress import (
     report as report,
     reported_to as reported_to,
     silent as silent,
+    still_working as still_working,
 )
 from .quantity import (
     ANGLE as ANGLE,

@@ -27,11 +27,13 @@ def say_once(text: str) -> None:
 
 
 def say_at_once(text: str) -> None:
-    """Print a line on standard error from a signal handler, in the middle of whatever is done."""
+    """Print a line on standard error if that can be done, from a signal handler as well."""
     with suppress(OSError, RuntimeError, ValueError):  # nobody hears it, or it interrupts a print
         _print(text)
 
 
 def _print(text: str) -> None:
+    if sys.stderr is None:  # closed; print would take standard output in its place
+        return
     line = f"cosim: {printable(text)}"
     print(line, file=sys.stderr, flush=True)  # noqa: T201 - that is what it is for

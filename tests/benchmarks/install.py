@@ -13,6 +13,9 @@ run. Megabytes are the bytes of all files, byte code of the installer included.
 code 1: a command failed, or the installation is larger than 1.13 times the six packages; the aim
 is 1.1, beyond which the exact arithmetic of the proofs (python-flint) takes 27 MB, and what draws
 the command line (typer with rich, Pygments and pydantic) 24 MB.
+
+With `--size` (`make install-size`) the second alone is made, and listed by distribution: what the
+six bring and what this project adds, who requires each, and what it would cost to leave it.
 """
 
 from __future__ import annotations
@@ -32,9 +35,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from tests.benchmarks._distributions import SIX, figures_of, sizes, table_of
+
 ROOT = Path(__file__).parents[2]
-SIX = ("fmpy", "pythonfmu", "cvxpy", "clarabel", "numpy", "mcap")
 AIM, MOST = 1.1, 1.13
+WIDTH = 130
 VERBS = (
     ("--help",),
     ("demo",),
@@ -137,29 +142,45 @@ def measured(given: str | None, *, everything: bool) -> dict[str, Any]:
         }
 
 
+def size(given: str | None, *, as_json: bool) -> None:
+    """Install auv-cosim alone, and print what each distribution takes."""
+    with tempfile.TemporaryDirectory(prefix="cosim-install-") as name:
+        scratch = Path(name)
+        installed("auv-cosim", [str(wheel_of(given, scratch))], scratch / "own")
+        found = sizes((scratch / "own" / "lib").glob("*/site-packages"))
+    if as_json:
+        print(json.dumps(figures_of(found), indent=1))
+    else:
+        Console(width=WIDTH).print(table_of(found))
+
+
 def main() -> None:
-    """Print the table, or JSON."""
+    """Print the tables, or JSON."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.install")
     parser.add_argument("wheel", nargs="?")
     parser.add_argument("--all", action="store_true")
+    parser.add_argument("--size", action="store_true")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
+    if options.size:
+        size(options.wheel, as_json=options.json)
+        return
     found = measured(options.wheel, everything=options.all)
     if options.json:
         print(json.dumps(found, indent=1))
     else:
-        sizes = Table(title="pip install into a fresh environment", title_justify="left")
+        costs = Table(title="pip install into a fresh environment", title_justify="left")
         for column in ("what", "s", "MB", "packages"):
-            sizes.add_column(column, justify="left" if column == "what" else "right")
+            costs.add_column(column, justify="left" if column == "what" else "right")
         for one in found["installed"]:
-            sizes.add_row(*map(str, one.values()))
-        sizes.caption = f"{found['megabytes_ratio']} x the six packages; the aim is {AIM}"
+            costs.add_row(*map(str, one.values()))
+        costs.caption = f"{found['megabytes_ratio']} x the six packages; the aim is {AIM}"
         calls = Table(title="with nothing else on the path", title_justify="left")
         for column in ("command", "exit code", "s", "last line"):
             calls.add_column(column, justify="right" if column in {"exit code", "s"} else "left")
         for one in found["calls"]:
             calls.add_row(*(escape(str(value)) for value in one.values()))
-        Console().print(sizes, calls)
+        Console().print(costs, calls)
     if found["megabytes_ratio"] > MOST or any(one["exit_code"] for one in found["calls"]):
         raise SystemExit(1)
 

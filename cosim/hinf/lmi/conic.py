@@ -18,6 +18,7 @@ import clarabel
 import numpy as np
 import scipy
 
+from cosim.core import still_working
 from cosim.hinf.lmi.solver_status import Status, count, status_of
 from cosim.hinf.lmi.svec import Array, smat, svec
 
@@ -90,6 +91,7 @@ def solve(
     tolerance: float = TOLERANCE,
 ) -> Solution:
     """Minimise q'y over the constraints, and over a'y = r for `equal` = (a, r)."""
+    still_working()
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance

@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from cosim.core import one_blas_thread
+from cosim.core import one_blas_thread, still_working
 from cosim.hinf.lmi.conic import TOLERANCE, Constraint, Solution
 from cosim.hinf.lmi.solver_status import count, status_of
 from cosim.hinf.lmi.svec import Array, places, smat
@@ -122,6 +122,7 @@ def _solved(constraints: Sequence[Constraint], q: Array, tolerance: float) -> So
     y, word = np.zeros(len(q)), "MaxIterations"
     best: tuple[float, Array, list[Array]] | None = None
     for _ in range(_MOST_ITERATIONS):
+        still_working()
         against = np.zeros(len(q))
         for cone in cones:
             against[cone.used] += np.tensordot(cone.A, cone.Z, axes=2)

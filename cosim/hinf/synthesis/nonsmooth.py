@@ -14,6 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.core import still_working
+
 Reals = NDArray[np.float64]
 Function = Callable[[Reals], tuple[float, Reals]]
 
@@ -44,6 +46,7 @@ def minimised(
     x, (value, gradient) = start, function(start)
     inverse, used, first, passed = np.eye(x.size), 1, True, [value]
     while used < evaluations and value >= below:
+        still_working()
         direction = -inverse @ gradient
         slope = float(gradient @ direction)
         if not slope < 0:

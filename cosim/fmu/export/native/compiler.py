@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from cosim.core import InputError
+from cosim.core import InputError, still_working
 from cosim.fmu.compiled.prebuilt import why_none_prebuilt
 from cosim.fmu.export.native.target_platforms import Platform
 from cosim.fmu.unpacking import own_folder
@@ -96,6 +96,7 @@ def shared_library(
         command += ["-I.", *compiled, "-o", library]
         if target.suffix != ".dll":
             command.append("-lm")
+        still_working()
         done = subprocess.run(  # noqa: S603 - a compiler, on our own sources
             command,
             cwd=folder,
