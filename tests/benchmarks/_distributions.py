@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import Distribution
 from pathlib import Path
+from typing import Any
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -113,7 +114,7 @@ def table_of(found: list[Size]) -> Table:
     return table
 
 
-def figures_of(found: list[Size]) -> dict[str, object]:
+def figures_of(found: list[Size]) -> dict[str, Any]:
     """Return the table as JSON."""
     return {
         "megabytes": round(sum(one.megabytes for one in found), 1),

@@ -46,10 +46,11 @@ def piped(*arguments: str | Path, folder: Path, shell: str = "") -> tuple[str, l
     return done.stdout, done.stderr.splitlines()
 
 
-def test_a_study_in_a_pipe_counts_its_runs(tmp_path: Path) -> None:
+def test_a_study_in_a_pipe_counts_its_runs(fmus: Path, tmp_path: Path) -> None:
     """Lines on standard error count the runs that are done; standard output is JSON alone."""
     (tmp_path / "ends.toml").write_text(STUDY, "utf-8")
-    out, lines = piped("study", "run", "ends.toml", "--json", folder=tmp_path)
+    options = ("--fmus", fmus.parent, "--json")
+    out, lines = piped("study", "run", "ends.toml", *options, folder=tmp_path)
     assert json.loads(out)["runs"] == 40
     found = [LINE.fullmatch(line) for line in lines]
     assert found, lines
@@ -67,9 +68,12 @@ def test_a_search_in_a_pipe_says_what_it_searches(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("closed", ["2>&-", "2>/dev/full"])
-def test_standard_error_that_takes_nothing_ends_no_command(closed: str, tmp_path: Path) -> None:
+def test_standard_error_that_takes_nothing_ends_no_command(
+    closed: str, fmus: Path, tmp_path: Path
+) -> None:
     """Where it is closed, or has no room, the work is done and standard output is as ever."""
-    out, lines = piped("run", "paper-example", "--json", folder=tmp_path, shell=closed)
+    line = ("run", "paper-example", "--fmus", fmus.parent, "--json")
+    out, lines = piped(*line, folder=tmp_path, shell=closed)
     assert json.loads(out)["status"] == "finished"
     assert not lines
 

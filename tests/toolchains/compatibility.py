@@ -68,6 +68,24 @@ A dash has its reason below the tables.
 """
 
 
+_SYSTEMS = """\
+## Systems
+
+What was done for each. A binary that is compiled for a system and never loaded there may still
+fail there; what each system lacks by design says [the master](explanation/master.md).
+
+| system | binaries of FMUs and of the loop | the package | the tests |
+|---|---|---|---|
+| Linux x86_64 | compiled and run | run, from the wheel and from a clone | run |
+| Linux aarch64 | cross-compiled; FMUs run by a C program | never installed | never run |
+| Windows x86_64 | cross-compiled, never loaded | simulated on Linux | never run |
+| macOS x86_64, aarch64 | cross-compiled, never loaded | simulated on Linux | never run |
+
+Never loaded: of these binaries the headers, imports and exports are read by tests. Simulated: on
+Linux without fork, process groups and locks, without a home, in the code page of Windows; a
+workflow for each of the two systems is written, and has never run.
+"""
+
 _ARCHIVES_HEAD = """\
 ## SSP archives
 
@@ -260,6 +278,7 @@ def page() -> str:
             "",
             *notes,
             "",
+            _SYSTEMS,
             "## Not tried",
             "",
             "| tool | why |",

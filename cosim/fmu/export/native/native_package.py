@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import os
 import re
+import zlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -116,7 +117,11 @@ def prebuilt_binaries(spec: ComponentSpec, version: str) -> dict[Platform, bytes
     found = {
         target: prebuilt_file(_binary_path(kind, version, target)) for target in PLATFORMS.values()
     }
-    return {target: file.read_bytes() for target, file in found.items() if file is not None}
+    return {
+        target: zlib.decompress(file.read_bytes())
+        for target, file in found.items()
+        if file is not None
+    }
 
 
 def write_binary(kind: str, version: str, folder: Path, target: Platform) -> None:
@@ -129,12 +134,13 @@ def write_binary(kind: str, version: str, folder: Path, target: Platform) -> Non
     sources, compiled = _sources_of_data(kind, version)
     path = folder / _binary_path(kind, version, target)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(shared_library(kind, sources, compiled, target, cross=True))
+    library = shared_library(kind, sources, compiled, target, cross=True)
+    path.write_bytes(zlib.compress(library, 9))
 
 
 def _binary_path(kind: str, version: str, target: Platform) -> str:
-    """Return where the binary of a kind lies below the folder of what is prebuilt."""
-    return f"binaries/fmi{version[0]}/{target.tuple_name}/{kind}{target.suffix}"
+    """Return where the binary of a kind lies, compressed, below the folder of what is prebuilt."""
+    return f"binaries/fmi{version[0]}/{target.tuple_name}/{kind}{target.suffix}.z"
 
 
 def _guid(model: NativeModel, version: str, *, as_data: bool) -> str:
