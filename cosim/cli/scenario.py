@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.text import Text
 
+from cosim import scenario as scenarios
 from cosim.cli.arguments import write
 from cosim.cli.common import (
     FMUS,
@@ -23,18 +24,6 @@ from cosim.cli.help_text import HelpTyper
 from cosim.cli.runs import make_fmu_cache
 from cosim.cli.terminal import console, titles_table, typed
 from cosim.core import CosimError, InputError, counted
-from cosim.scenario import (
-    NAME_PATTERN,
-    as_mermaid,
-    as_text,
-    builtin_names,
-    json_schema,
-    load,
-    open_source,
-    problems_of,
-    template,
-    with_settings,
-)
 
 scenario_app = HelpTyper(help="List, create, check and show scenarios (TOML files).")
 
@@ -46,7 +35,7 @@ def list_scenarios(*, as_json: JsonOption = False) -> None:
     \b
     cosim scenario list
     """
-    found = [(name, load(name).scenario) for name in builtin_names()]
+    found = [(name, scenarios.load(name).scenario) for name in scenarios.builtin_names()]
     rows: list[dict[str, Any]] = [
         {
             "name": name,
@@ -82,7 +71,7 @@ def new(
     cosim scenario new slower --from auv-acoustic
     """
     stem = name.removesuffix(".toml")
-    if not re.fullmatch(NAME_PATTERN, Path(stem).name):
+    if not re.fullmatch(scenarios.NAME_PATTERN, Path(stem).name):
         raise InputError(
             "not a valid name for a scenario",
             where=name,
@@ -91,7 +80,7 @@ def new(
     path = Path(f"{stem}.toml")
     if path.exists():
         raise InputError("this file already exists", where=str(path), hint="use another name")
-    write(path, template(Path(stem).name, base))
+    write(path, scenarios.template(Path(stem).name, base))
     like = "a vehicle over an acoustic link" if base is None else f"{base} and what differs"
     answer(
         as_json,
@@ -143,8 +132,8 @@ def check(
 
 def _problems(name: str, settings: list[str], fmus: Path) -> list[CosimError]:
     try:
-        source = with_settings(open_source(name), settings)
-        return problems_of(source, make_fmu_cache(fmus, source.folder))
+        source = scenarios.with_settings(scenarios.open_source(name), settings)
+        return scenarios.problems_of(source, make_fmu_cache(fmus, source.folder))
     except CosimError as error:
         return [error]
 
@@ -165,9 +154,9 @@ def show(
     cosim scenario show auv-acoustic --set links.uplink.loss=0.2
     cosim scenario show auv-acoustic --diagram text
     """
-    loaded = load(name, list(changed or ()))
+    loaded = scenarios.load(name, list(changed or ()))
     if diagram is not None:
-        text = (as_text if diagram == "text" else as_mermaid)(loaded.scenario)
+        text = (scenarios.as_text if diagram == "text" else scenarios.as_mermaid)(loaded.scenario)
         data: dict[str, Any] = {"scenario": loaded.name, "diagram": text}
     else:
         text = loaded.scenario.to_toml()
@@ -189,4 +178,4 @@ def schema(*, as_json: JsonOption = False) -> None:
     cosim scenario schema > scenario.schema.json
     """
     del as_json  # the output is JSON with or without it
-    print(json.dumps(json_schema(), indent=1))
+    print(json.dumps(scenarios.json_schema(), indent=1))

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 from rich.text import Text
 
+from cosim import trace as traces
 from cosim.cli.common import (
     DetailsOption,
     JsonOption,
@@ -22,9 +23,6 @@ from cosim.cli.common import (
 )
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.terminal import console, typed
-from cosim.cli.trace_diff import diff
-from cosim.cli.trace_export import export
-from cosim.cli.trace_layout import layout
 from cosim.cli.trace_view import (
     comparison_view,
     recovery_line,
@@ -35,10 +33,7 @@ from cosim.cli.trace_view import (
 )
 from cosim.cli.verbs import TraceVerbs
 from cosim.core import CheckFailedError, LossError, printable
-from cosim.trace import cite, describe, recover as recover_trace, render, verify as verify_trace
-from cosim.trace.live import Player, view_in_rerun
-from cosim.trace.outcome import ended_of
-from cosim.trace.report import write_comparison, write_report
+from cosim.trace import live, outcome, report as reports
 
 trace_app = HelpTyper(
     cls=TraceVerbs,
@@ -70,12 +65,12 @@ def info(
     \b
     cosim trace info traces/auv-survey.mcap
     """
-    description = describe(file, hashed=hashed)
-    ended = ended_of(description)
+    description = traces.describe(file, hashed=hashed)
+    ended = outcome.ended_of(description)
     answer(
         as_json,
         lambda: description,
-        lambda: render(description, details=details),
+        lambda: traces.render(description, details=details),
         line=ended.what,
         tone=ended.tone,
         then=(
@@ -121,7 +116,7 @@ def report(
     cosim trace report traces/auv-survey.mcap --compare traces/auv-survey-naive.mcap
     """
     if compare is None:
-        written = write_report(file, out)
+        written = reports.write_report(file, out)
         output = written.output
         answer(
             as_json,
@@ -130,7 +125,7 @@ def report(
             line=f"report: {output} ({written.bytes / 1e6:.1f} MB, {written.charts} charts)",
         )
     else:
-        both = write_comparison(file, compare, out)
+        both = reports.write_comparison(file, compare, out)
         output = both.output
         answer(
             as_json,
@@ -182,7 +177,7 @@ def recover(
     cosim trace recover traces/auv-survey.mcap.partial -o mended.mcap --strict
     """
     with progress() as report_progress:
-        result = recover_trace(file, out, force=force, strict=strict, progress=report_progress)
+        result = traces.recover(file, out, force=force, strict=strict, progress=report_progress)
     answer(
         as_json,
         result.to_json,
@@ -220,7 +215,7 @@ def verify(
     cosim trace verify traces/auv-survey.mcap
     cosim trace verify traces/auv-survey.mcap --fmus fmus --json
     """
-    found = verify_trace(file, fmus)
+    found = traces.verify(file, fmus)
     incomplete = found.verdict == "incomplete"
     answer(
         as_json,
@@ -246,7 +241,7 @@ def cite_verb(file: FileArgument, *, as_json: JsonOption = False) -> None:
     cosim trace cite traces/auv-survey.mcap
     cosim trace cite traces/auv-survey.mcap --json
     """
-    found = cite(file)
+    found = traces.cite(file)
     # as it is pasted: not wrapped, and nothing before it
     text = f"{found.methods}\n\n{found.bibtex}"
     print(json.dumps(found.to_json(), indent=1) if as_json else printable(text))
@@ -295,7 +290,7 @@ def play(
     try:
         with (
             suppress(KeyboardInterrupt),
-            Player(
+            live.Player(
                 file,
                 rate=rate,
                 port=port,
@@ -339,16 +334,12 @@ def view(
     cosim trace view traces/auv-survey.mcap
     cosim trace view traces/auv-survey.mcap --save run.rrd
     """
-    viewed = view_in_rerun(file, save)
+    viewed = live.view_in_rerun(file, save)
     line, _, rest = viewed.text().partition("\n")
     answer(as_json, viewed.to_json, (lambda: Text(rest)) if rest else None, line=line)
 
 
-for elsewhere in (export, layout, diff):
-    trace_app.command()(elsewhere)
-
-
-def _print_address(player: Player, file: Path, *, as_json: bool) -> None:
+def _print_address(player: live.Player, file: Path, *, as_json: bool) -> None:
     if as_json:
         data = {
             "trace": str(file),

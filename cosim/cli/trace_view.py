@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from rich.console import Group, RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, TONES, number, plain, table
 from cosim.core import counted
-from cosim.trace import Diff, Recovery, Verification
-from cosim.trace.comparison import further_differences
-from cosim.trace.report import ComparisonReport, Report
-from cosim.trace.rows import RESULT
+from cosim.trace import comparison, rows as recorded
+
+if TYPE_CHECKING:  # the help of `cosim trace` needs none
+    from cosim.trace import Diff, Recovery, Verification
+    from cosim.trace.report import ComparisonReport, Report
 
 _MOST, _MOST_DAMAGE = 25, 20
 _COLOURS = {"ok": "green", "failed": "bold red", "incomplete": "yellow", "not checked": "dim"}
@@ -22,13 +25,13 @@ def diff_view(found: Diff) -> RenderableType:
     parts: list[RenderableType] = [
         plain(f"outcome: {change.a or NONE} | {change.b or NONE}")
         for change in found.context.entries
-        if (change.where, change.key) == (RESULT, "headline")
+        if (change.where, change.key) == (recorded.RESULT, "headline")
     ]
     if found.identical:
         parts.append(Text(f"content hash {found.hashes[0]}"))
         return Group(*parts)
     parts += _signals(found)
-    parts += [plain(line) for line in further_differences(found)]
+    parts += [plain(line) for line in comparison.further_differences(found)]
     parts += _links(found)
     parts += _context(found)
     return Group(*parts)

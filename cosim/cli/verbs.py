@@ -92,6 +92,21 @@ VERBS = {
 }
 
 TRACE_VERBS = {
+    "export": Verb(
+        "trace_export",
+        "export",
+        "Write the signals of a trace as CSV or Parquet tables, a MATLAB file or a bag of ROS 2.",
+    ),
+    "layout": Verb(
+        "trace_layout",
+        "layout",
+        "Write a layout with which a viewer shows a trace: scene, log, and plots with their units.",
+    ),
+    "diff": Verb(
+        "trace_diff",
+        "diff",
+        "Compare two traces: which signal differs first, when, and by how much.",
+    ),
     "rerun": Verb(
         "trace_rerun",
         "rerun",
@@ -103,7 +118,7 @@ TRACE_VERBS = {
         "Feed recorded signals into one FMU and record its outputs in a new trace.",
     ),
 }
-"""Those of `trace` that run something; reading a trace needs no more than its reader."""
+"""Those of `trace` that need more than its reader."""
 
 STYLE: dict[str, Any] = {
     "add_completion": False,

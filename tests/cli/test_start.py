@@ -44,8 +44,8 @@ def heavy(found: frozenset[str], names: tuple[str, ...]) -> list[str]:
 
 @pytest.mark.parametrize(
     ("arguments", "most"),
-    [(("--help",), 230), (("run", "--help"), 420)],
-    ids=["cosim", "cosim run"],
+    [(("--help",), 230), (("run", "--help"), 420), (("trace", "--help"), 420)],
+    ids=["cosim", "cosim run", "cosim trace"],
 )
 def test_help_loads_neither_arrays_nor_scenarios(arguments: tuple[str, ...], most: int) -> None:
     """A help text needs the command line, and nothing that the command would do."""
@@ -53,6 +53,14 @@ def test_help_loads_neither_arrays_nor_scenarios(arguments: tuple[str, ...], mos
     unwanted = (*NEVER, "numpy", "fmpy", "flint", "google.protobuf", "mcap", "cosim.master.system")
     assert heavy(found, unwanted) == []
     assert len(found) < most
+
+
+def test_scenarios_are_listed_without_what_flies_them() -> None:
+    """Their files are read; no FMU, no proof, no network of links is made."""
+    found = modules_of("scenario", "list")
+    unwanted = (*NEVER, "fmpy", "flint", "google.protobuf", "cosim.scenario.assembly")
+    assert heavy(found, unwanted) == []
+    assert len(found) < 600
 
 
 def test_a_run_loads_what_flies_and_no_more() -> None:
