@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 import json
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -33,6 +32,12 @@ TRIAL_S = 600.0
 """Wall-clock limit of the first run, if none is given [s]."""
 BESIDE = ("title", "description", "traces", "stability", "stop")
 """Keys of a study that do not affect the results."""
+RESULTS_SINCE = "0.1.0"
+"""The version since which a run of a study has had the same results.
+
+It is part of what results depend on, so that a folder is continued by every version that adds the
+same rows to it. One that would add others puts its own version here.
+"""
 
 
 @dataclass(frozen=True)
@@ -119,7 +124,7 @@ def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
         "scenario": base.scenario.model_dump(mode="json", by_alias=True),
         "system": _system_file(base),
         "fmus": hashes,
-        "software": importlib.metadata.version("auv-cosim"),
+        "software": RESULTS_SINCE,
     }
     if study.rare is not None:
         content["estimator"] = str(ESTIMATOR)
