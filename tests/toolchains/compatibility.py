@@ -84,6 +84,9 @@ fail there; what each system lacks by design says [the master](explanation/maste
 Never loaded: of these binaries the headers, imports and exports are read by tests. Simulated: on
 Linux without fork, process groups and locks, without a home, in the code page of Windows; a
 workflow for each of the two systems is written, and has never run.
+
+The container file was built and run once by Buildah, over a stand-in for its base image: its first
+lines say how.
 """
 
 _ARCHIVES_HEAD = """\
