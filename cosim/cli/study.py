@@ -322,8 +322,8 @@ def repeat(
 ) -> None:
     """Execute one run of a study alone, with a trace, as `cosim run` does.
 
-    With the folder of its results, the study is what it was then, its samples included; if FMUs,
-    scenario or software have changed since, nothing is run.
+    With the folder of its results, the study is what it was then, its samples included; if FMUs
+    or the scenario have changed since, nothing is run.
 
     \b
     cosim study repeat delay-margin 17

@@ -52,7 +52,7 @@ def check_unchanged(plan: Plan, loaded: LoadedStudy) -> None:
 
     Raises
     ------
-    InputError : FMUs, scenario, design or software are others than then.
+    InputError : FMUs, scenario or design are others than then.
     """
     if loaded.digest is None or loaded.digest == plan.job.digest:
         return
