@@ -100,10 +100,10 @@ def demo_view(demo: Demo, *, details: bool = False) -> RenderableType:
 
 def demo_line(demo: Demo) -> str:
     """Say of each design whether its guarantee holds, and where the vehicle ends."""
-    return "; ".join(map(_ending, demo.outcomes, demo.outcomes.values()))
+    return "; ".join(map(_in_short, demo.outcomes, demo.outcomes.values()))
 
 
-def _ending(label: str, outcome: Outcome) -> str:
+def _in_short(label: str, outcome: Outcome) -> str:
     """Say in half a sentence whether the guarantee of a run holds, and where the vehicle ends."""
     verdict = outcomes.guarantee_of(outcome, outcomes.assumptions_of(outcome))
     holds = outcome.headline if verdict is None else verdict.what

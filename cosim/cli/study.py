@@ -39,7 +39,7 @@ from cosim.cli.study_view import (
     rare_view,
     sensitivity_line,
     sensitivity_view,
-    shown_by,
+    show_commands,
     stopped_view,
     study_report_view,
     summary_line,
@@ -256,7 +256,7 @@ def run(
         lambda: finished_view(name, done),
         line=finished_line(loaded.name, done),
         tone="open" if done.incomplete or done.runs < done.count else "good",
-        then=shown_by(done.folder),
+        then=show_commands(done.folder),
     )
 
 
@@ -288,7 +288,7 @@ def merge(
         lambda: merged_view(found),
         line=merged_line(found),
         tone="good" if found.runs == found.count else "open",
-        then=shown_by(found.folder),
+        then=show_commands(found.folder),
     )
 
 

@@ -53,7 +53,7 @@ def finished_line(name: str, done: StudyResult) -> str:
     return f"{name}: {done.runs} of {done.count} runs done ({statuses}); {where}"
 
 
-def shown_by(folder: Path) -> tuple[str, str]:
+def show_commands(folder: Path) -> tuple[str, str]:
     """Return the commands that show a study."""
     return typed("study show", folder), typed("study report", folder)
 
