@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from foreign.c_fmu import c_fmu, old, source_of
 from isolated import isolated_slave
+from master.events import event_fmu
 from packed import FMI1, pack
 
 from cosim.core import ComponentError, InputError
@@ -210,7 +211,7 @@ def test_numbers_alone_run_in_the_kernel(fmi1: FmuDescription, *, isolate: bool)
     assert rows[0][2] == rows[0][5] == 0
 
 
-def test_messages_of_both_versions_reach_their_components(fmi1: FmuDescription) -> None:
+def test_messages_go_to_their_components(fmi1: FmuDescription) -> None:
     """Two instances of one FMU that say their names."""
     lines: dict[str, list[str]] = {"a": [], "b": []}
     slaves = [
@@ -261,7 +262,7 @@ def test_local_variables_that_are_one_are_used(tmp_path: Path) -> None:
         assert slave.read(["h"]) == {"h": 0.0}
 
 
-def test_negated_alias_is_left_out_and_said_so(tmp_path: Path) -> None:
+def test_negated_alias_is_left_out_with_a_warning(tmp_path: Path) -> None:
     """Its value is that of another variable times -1: nobody gets the other one for it."""
     described = describe_fmu(c_fmu("old_fmi1.c", old(more=NEGATED), tmp_path))
     lines: list[str] = []
@@ -270,3 +271,21 @@ def test_negated_alias_is_left_out_and_said_so(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="minus cannot be used"):
             slave.read(["minus"])
     assert "minus is left out: a negated alias of another variable" in lines
+
+
+@pytest.mark.parametrize("engine", ["kernel", "python"])
+def test_each_step_is_new_where_others_are_taken_back(
+    fmi1: FmuDescription, tmp_path: Path, engine: EngineName
+) -> None:
+    """What FMI 2 says of states that may be restored is not what FMI 1 asks at a step."""
+    events = describe_fmu(event_fmu(tmp_path, ["y", "ramp", "stop_early"]))
+    components = {
+        "late": Component(events, {"stop_early": 0.4}),
+        "soon": Component(events, {"stop_early": 0.3}),
+        "old": Component(fmi1, {"u": 1.0}),
+    }
+    schedule = make_schedule({}, 250_000_000, 1_000_000_000, "align")
+    with Session(System(components, [], {}, {}, schedule, 1e12), engine=engine) as session:
+        session.run_until()
+        read = {name: session.read("old", name) for name in ("x", "gap", "repeated")}
+    assert read == {"x": pytest.approx(1.0), "gap": 0.0, "repeated": 0}

@@ -195,6 +195,15 @@ class DeclaredModel:
         """The kinds of use that it offers."""
         return frozenset(interface.kind for interface in self.interfaces)
 
+    @property
+    def experiment_times(self) -> dict[str, float]:
+        """The finite numbers of the default experiment, by attribute."""
+        return {
+            key: value
+            for key in ("startTime", "stopTime", "stepSize", "tolerance")
+            if (value := number(self.experiment.get(key))) is not None and abs(value) < float("inf")
+        }
+
     def variables_by_target(self) -> Mapping[int, DeclaredVariable]:
         """Return variables by number in ModelStructure: reference in FMI 3, else index."""
         if self.major < 3:
