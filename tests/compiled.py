@@ -15,7 +15,7 @@ import fmpy
 import pytest
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
-"""The folder of the headers of FMI 2.0 and 3.0."""
+"""The folder of the headers of FMI 1.0, 2.0 and 3.0."""
 _SHARED = Path(__file__).parent
 """The folder of slave.h, which has what the slaves share."""
 
@@ -37,7 +37,7 @@ def compile_fmu(
     The test is skipped without a compiler.
     """
     identifier = re.findall('modelIdentifier="(.*?)"', description)[0]
-    platform = fmpy.platform if 'fmiVersion="2.0"' in description else fmpy.platform_tuple
+    platform = fmpy.platform_tuple if 'fmiVersion="3.0' in description else fmpy.platform
     library = f"binaries/{platform}/{identifier}{fmpy.sharedLibraryExtension}"
     packed: dict[str, str | bytes] = {
         "modelDescription.xml": description,

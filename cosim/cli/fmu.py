@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -53,8 +52,8 @@ PlatformsOption = Annotated[
     typer.Option(
         help="Binaries of a native FMU. prebuilt: those that the installed package brings, for all "
         "platforms; without them as host. host: for this machine, by its own compiler. all, or "
-        "names such as x86_64-linux,x86_64-windows: cross-compiled (needs the extra cross). The C "
-        "sources are always inside."
+        "names such as x86_64-linux,x86_64-windows: cross-compiled (needs the extra cross; without "
+        "it, all is prebuilt where the package brings that). The C sources are always inside."
     ),
 ]
 
@@ -294,7 +293,7 @@ def controller(
     cosim fmu controller gain.json -o sampled.fmu --sample-time 0.05 --limits 2
     cosim fmu controller gain.json -o watched.fmu --watch
     """
-    kind = replace(exports.target_named(flavour, platforms), clocked=clocked)
+    kind = exports.target_named(flavour, platforms, clocked=clocked)
     found = replay.certificate_in(file)
     if found.mismatch is not None:
         raise InputError(

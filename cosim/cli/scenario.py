@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from rich.console import Group
 from rich.text import Text
 
 from cosim import scenario as scenarios
@@ -58,18 +59,84 @@ def list_scenarios(*, as_json: JsonOption = False) -> None:
 
 @scenario_app.command()
 def new(
-    name: Annotated[str, typer.Argument(help="Name of the scenario; the file is NAME.toml.")],
-    base: Annotated[
-        str | None, typer.Option("--from", help="Extend this built-in scenario.")
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="NAME",
+            help="Name of the scenario; the file is NAME.toml. With FMUs after --from it may be "
+            "left out, and further FMUs may follow.",
+        ),
     ] = None,
+    base: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--from",
+            help="Extend this built-in scenario; or wire FMUs, by their paths or built-in names.",
+        ),
+    ] = None,
+    link: Annotated[
+        str | None,
+        typer.Option(help="With FMUs: connect them over a packet link of this name."),
+    ] = None,
+    fmus: FmusOption = FMUS,
+    *,
     as_json: JsonOption = False,
 ) -> None:
     """Write a new scenario file with comments that explain each line.
 
+    Of FMUs: every input is wired to the one output that fits it by name, or by the name of a
+    terminal and its member, of the same type and size, in a unit of the same base units; such
+    units are converted. What does not fit, or fits several times, is listed and not wired.
+
     \b
     cosim scenario new mine
     cosim scenario new slower --from auv-acoustic
+    cosim scenario new --from AuvPlant HinfController
+    cosim scenario new lossy --from AuvPlant HinfController --link acoustic
     """
+    bases, words = list(base or ()), list(names or ())
+    if any(map(scenarios.is_fmu, bases)):
+        words, parts = (
+            [w for w in words if not scenarios.is_fmu(w)],
+            [*bases, *filter(scenarios.is_fmu, words)],
+        )
+        if stray := [one for one in bases if not scenarios.is_fmu(one)]:
+            expected = "FMUs, or one scenario"
+            raise InputError("not an FMU", where="--from", expected=expected, got=stray[0])
+        _new_from_fmus(_one_name(words), parts, link, fmus, as_json=as_json)
+        return
+    if link is not None:
+        raise InputError("no FMUs to connect over it", where="--link", expected="--from with FMUs")
+    if bases == [] and any(word.endswith(".fmu") for word in words):
+        hint = f"cosim scenario new --from {' '.join(words)}"
+        raise InputError("a scenario is not named after a file of an FMU", got=words[0], hint=hint)
+    name = _one_name(words)
+    if name is None:
+        raise InputError("a scenario needs a name", expected="cosim scenario new NAME")
+    if len(bases) > 1:
+        raise InputError("a scenario extends one other", where="--from", got=", ".join(bases))
+    path = _new_file(name)
+    extended = bases[0] if bases else None
+    write(path, scenarios.template(path.stem, extended))
+    like = "a vehicle over an acoustic link" if extended is None else f"{extended} and what differs"
+    answer(
+        as_json,
+        lambda: {"file": str(path), "extends": extended},
+        line=f"written: {path}, {like}",
+        tone="good",
+        then=_to_do(path),
+    )
+
+
+def _one_name(words: list[str]) -> str | None:
+    if len(words) > 1:
+        hint = "the path of an FMU ends in .fmu"
+        raise InputError("a scenario has one name", got=", ".join(words), hint=hint)
+    return words[0] if words else None
+
+
+def _new_file(name: str) -> Path:
+    """Return the file of a new scenario, which is not there yet."""
     stem = name.removesuffix(".toml")
     if not re.fullmatch(scenarios.NAME_PATTERN, Path(stem).name):
         raise InputError(
@@ -80,15 +147,56 @@ def new(
     path = Path(f"{stem}.toml")
     if path.exists():
         raise InputError("this file already exists", where=str(path), hint="use another name")
-    write(path, scenarios.template(Path(stem).name, base))
-    like = "a vehicle over an acoustic link" if base is None else f"{base} and what differs"
+    return path
+
+
+def _new_from_fmus(
+    name: str | None, parts: list[str], link: str | None, fmus: Path, *, as_json: bool
+) -> None:
+    """Write a scenario of FMUs and say what is wired."""
+    path = _new_file(name or scenarios.default_name(parts))
+    cache = make_fmu_cache(fmus, path.parent)
+    made = scenarios.scenario_from_fmus(
+        path.stem, parts, folder=path.parent, link=link, cache=cache
+    )
+    write(path, made.text)
+    left = made.fitting.open_inputs
     answer(
         as_json,
-        lambda: {"file": str(path), "extends": base},
-        line=f"written: {path}, {like}",
-        tone="good",
-        then=(typed("scenario check", path), typed("run", path)),
+        lambda: {
+            "file": str(path),
+            "fmus": made.fmus,
+            "link": made.link,
+            "inputs": made.fitting.inputs,
+            "wired": [
+                {"from": str(w.source), "to": str(w.target), "gain": w.gain, "offset": w.offset}
+                for w in made.fitting.wires
+            ],
+            "not_wired": [
+                {"input": str(x.target), "why": x.why, "possible": list(map(str, x.possible))}
+                for x in left
+            ],
+            "problems": [problem.to_json() for problem in made.problems],
+        },
+        lambda: Group(
+            *(Text(problem.text()) for problem in made.problems),
+            *(Text(f"not wired: {one.target}: {one.why}") for one in left[:_MOST_OPEN]),
+            *[Text(f"and {len(left) - _MOST_OPEN} more: {path}")] * (len(left) > _MOST_OPEN),
+        ),
+        line=f"written: {path}, {made.summary}",
+        tone="bad" if made.problems else "open" if left else "good",
+        then=_to_do(path),
     )
+    if made.problems:
+        raise typer.Exit(made.problems[0].exit_code)
+
+
+_MOST_OPEN = 12
+"""Inputs without a connection that are listed on a terminal."""
+
+
+def _to_do(path: Path) -> tuple[str, ...]:
+    return typed("scenario check", path), typed("run", path)
 
 
 @scenario_app.command()

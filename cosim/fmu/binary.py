@@ -30,7 +30,7 @@ from types import MappingProxyType, UnionType
 from typing import Any, Final, NamedTuple, Self, get_args
 
 from fmpy import freeLibrary
-from fmpy.fmi1 import FMICallException
+from fmpy.fmi1 import FMICallException, fmi1String, fmi1True, fmi1ValueReference
 from fmpy.fmi2 import FMU2Slave, fmi2String, fmi2ValueReference
 from fmpy.fmi3 import (
     FMU3ScheduledExecution,
@@ -44,8 +44,9 @@ from cosim.core import ComponentError, note_foreign_code
 from cosim.fmu.call_watch import calling
 from cosim.fmu.description import FmuDescription
 from cosim.fmu.float_mode import call_with_own_float_mode
+from cosim.fmu.fmi1_calls import FMU1Calls
 from cosim.fmu.inspect.platforms import FMI2, this_machine
-from cosim.fmu.messages import fmi2_callbacks, fmi3_logger
+from cosim.fmu.messages import fmi1_callbacks, fmi2_callbacks, fmi3_logger
 from cosim.fmu.port import FmiVersion
 from cosim.fmu.returned import RawInterval, Returned
 
@@ -163,7 +164,7 @@ class CheckedCalls:
         found = self._functions.get(name)
         if found is None:
             try:
-                found = self.dll[name]
+                found = self.dll[self.symbol(name)]
             except AttributeError as error:
                 raise ComponentError(
                     "the FMU lacks a function that the standard asks for",
@@ -173,6 +174,10 @@ class CheckedCalls:
             found.argtypes, found.restype = _prototype(getattr(type(self), name))
             self._functions[name] = found
         return found
+
+    def symbol(self, name: str) -> str:
+        """Return the name that the library has for a function."""
+        return name
 
     def address(self, name: str) -> int:
         """Return the address of a function."""
@@ -222,6 +227,56 @@ class CheckedCalls:
         _callbacks.append([getattr(self, name, None) for name in _CALLBACKS])
         with _load_guard, calling(self.instanceName, "unloading the library"):
             call_with_own_float_mode(freeLibrary, self.dll._handle)  # noqa: SLF001 - as FMPy does
+
+
+class Fmi1Slave(CheckedCalls, FMU1Calls):  # type: ignore[misc]
+    """FMPy's slave of FMI 1.0, with checked calls and the life cycle of later versions.
+
+    It is initialised by one call: what sets its inputs in initialization mode comes after that.
+    """
+
+    def symbol(self, name: str) -> str:
+        """Return the name of a function: FMI 1.0 puts the model identifier before it."""
+        return f"{self.modelIdentifier}_{name.replace('fmi1', 'fmi', 1)}"
+
+    def make_instance(
+        self, environment: int, *, formats: bool, logging_on: bool, options: SlaveOptions
+    ) -> None:
+        """Instantiate. A bare Exception is the word for NULL, as it is FMPy's."""
+        del environment, formats, options  # messages have the name of the instance alone
+        self.instantiate(functions=fmi1_callbacks(), loggingOn=logging_on)
+        if not self.component:
+            raise Exception("fmiInstantiateSlave returned NULL")  # noqa: TRY002 - as FMPy does
+
+    def enterInitializationMode(
+        self, tolerance: float | None = None, startTime: float = 0.0, stopTime: float | None = None
+    ) -> None:
+        """Initialise (fmiInitializeSlave)."""
+        del tolerance
+        self.initialize(startTime, stopTime)
+
+    def exitInitializationMode(self) -> None:
+        """Do nothing: it is initialised."""
+
+    def setDebugLogging(self, loggingOn: bool, categories: Sequence[str]) -> None:  # noqa: FBT001
+        """Let the slave log, or not; it has no categories."""
+        del categories
+        super().setDebugLogging(loggingOn)
+
+    def doStep(self, time: float, size: float, new_step: bool) -> None:  # noqa: FBT001
+        """Step; every step is a new one, since no state is restored."""
+        del new_step
+        self.fmi1DoStep(self.component, time, size, fmi1True)
+
+    def getRealStatus(self, kind: int) -> float:
+        """Return what the slave says of its last step."""
+        return float(super().getRealStatus(kind).value)
+
+    def getString(self, vr: list[int]) -> list[bytes | None]:
+        """Return texts."""
+        references, values = (fmi1ValueReference * len(vr))(*vr), (fmi1String * len(vr))()
+        self._call("fmi1GetString", self.component, references, len(vr), values)
+        return self._texts("fmi1GetString", values)
 
 
 class Fmi2Slave(CheckedCalls, FMU2Slave):  # type: ignore[misc]
@@ -416,7 +471,7 @@ class Fmi3Scheduled(ClockedCalls, FMU3ScheduledExecution):  # type: ignore[misc]
 
 
 _CLASSES: Final[Mapping[FmiVersion, type[Any]]] = MappingProxyType(
-    {"2.0": Fmi2Slave, "3.0": Fmi3Slave}
+    {"1.0": Fmi1Slave, "2.0": Fmi2Slave, "3.0": Fmi3Slave}
 )
 
 
@@ -521,7 +576,7 @@ def _library_of(binary: Loadable) -> Path:
     identifier, here = binary.identifier, this_machine()
     tuple_name = f"{here.architecture}-{here.system}"
     short = [name for name, platform in FMI2.items() if platform == here]
-    folders = [*short, tuple_name] if binary.version == "2.0" else [tuple_name]
+    folders = [tuple_name] if binary.version == "3.0" else [*short, tuple_name]
     binaries = binary.folder / "binaries"
     for name in folders:
         library = binaries / name / f"{identifier}{here.suffix}"

@@ -21,7 +21,7 @@ from cosim.fmu.inspect.markup import MAX_XML, parse_xml
 from cosim.fmu.inspect.rules import RULES
 from cosim.fmu.inspect.terminals import TERMINALS
 from cosim.fmu.port import FmiVersion, Port
-from cosim.fmu.port_declarations import declared_ports
+from cosim.fmu.port_declarations import declared_ports, unusable
 from cosim.fmu.terminal import Terminal, declared_terminals
 from cosim.fmu.unit_base import UnitBase
 
@@ -49,12 +49,14 @@ class FmuDescription:
     model : the model description, as it is written.
     ports : variable name -> Port; FMI 3's aliases are variables of their own.
     xml : modelDescription.xml as it stands in the FMU.
-    version : of FMI; 3.0.1 counts as 3.0.
+    version : of FMI; 3.0.1 counts as 3.0. FMI 1.0 is read and run as FMI 2.0 where the two
+        agree; its slaves cannot save their state.
     departures : breaks of the standard by its variables and Clocks that do not keep it from
         running, a sentence each.
     terminals : by name.
     lengths : the names of the structural parameters that give lengths of arrays.
     units : those that it defines in base units, by name.
+    unusable : variables that are no ports, and why.
     """
 
     path: Path
@@ -67,6 +69,7 @@ class FmuDescription:
     terminals: Mapping[str, Terminal] = field(default_factory=lambda: MappingProxyType({}))
     lengths: frozenset[str] = field(init=False, repr=False, compare=False)
     units: Mapping[str, UnitBase] = field(init=False, repr=False, compare=False)
+    unusable: Mapping[str, str] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         sizes = (size for port in self.ports.values() for size in port.dimensions)
@@ -75,6 +78,7 @@ class FmuDescription:
         defined = ((unit.name, unit.base) for unit in self.model.units)
         units = {name: UnitBase.of(base) for name, base in defined if base is not None}
         object.__setattr__(self, "units", MappingProxyType(units))
+        object.__setattr__(self, "unusable", MappingProxyType(unusable(self.model)))
 
     @property
     def interface(self) -> Interface:
@@ -124,7 +128,7 @@ class FmuDescription:
     @property
     def can_interpolate_inputs(self) -> bool:
         """Whether it takes derivatives of its inputs (FMI 2)."""
-        return not self.scheduled and self._can("canInterpolateInputs")
+        return self.version == "2.0" and self._can("canInterpolateInputs")
 
     @property
     def can_be_instantiated_only_once(self) -> bool:
@@ -142,10 +146,21 @@ class FmuDescription:
     def port(self, name: str, *, where: str) -> Port:
         """Return the variable `name`; an `InputError` lists the nearest names if there is none."""
         found = self.ports.get(name)
+        self.require_usable(name, where=where)
         if found is None:
             hint = f"cosim fmu info {self.path} lists them"
             raise InputError.unknown("variable", name, self.ports, where=where, hint=hint)
         return found
+
+    def require_usable(self, name: str, *, where: str) -> None:
+        """Refuse a variable that cannot be exchanged."""
+        if name in self.unusable:
+            raise InputError(
+                f"{name} cannot be used",
+                where=where,
+                expected="a variable that its name alone says",
+                got=f"in {self.path.name}: {self.unusable[name]}",
+            )
 
     def resized(self, parameters: Mapping[str, Any]) -> FmuDescription:
         """Return the description with the array lengths that structural `parameters` give.
@@ -201,7 +216,7 @@ class FmuDescription:
 
 
 def describe_fmu(path: AnyPath) -> FmuDescription:
-    """Read and validate the model description of an FMU for co-simulation, FMI 2.0 or 3.0.
+    """Read and validate the model description of an FMU for co-simulation, FMI 1.0, 2.0 or 3.0.
 
         >>> from cosim import DelaySystem, pack
         >>> from cosim.fmu import describe_fmu
@@ -252,7 +267,7 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
         archive = CheckedArchive(path, content)
         archive.require_sound()
         xml, root = _description_in(archive)
-        version = _version(root, path)
+        version = _version(root)
         model, departures = _checked(root, path)
         ports = declared_ports(model, version)
         terminals, broken = _terminals_in(archive)
@@ -260,7 +275,7 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
         raise
     except BROKEN_ARCHIVE as error:
         raise InputError(
-            "not a valid FMU", where=str(path), expected="an FMU 2.0 or 3.0", got=str(error)
+            "not a valid FMU", where=str(path), expected="an FMU 1.0, 2.0 or 3.0", got=str(error)
         ) from error
     if _interface_of(model).kind != "co-simulation":  # its variables can be read at any time
         ports = {name: replace(port, clocks=()) for name, port in ports.items()}
@@ -294,18 +309,9 @@ def _terminals_in(archive: CheckedArchive) -> tuple[dict[str, Terminal], tuple[s
     return declared_terminals(root), ()
 
 
-def _version(root: Any, path: Path) -> FmiVersion:
-    """Return the FMI version, or refuse an FMU that cannot be run here."""
+def _version(root: Any) -> FmiVersion:
     version = root.get("fmiVersion")
-    if version == "1.0":
-        raise InputError(
-            "an FMU of FMI 1.0 cannot be run",
-            where=str(path),
-            expected="FMI 2.0 or 3.0 for co-simulation",
-            got="FMI 1.0",
-            hint="export it again: FMI 2.0 replaced FMI 1.0 in 2014",
-        )
-    return "2.0" if version == "2.0" else "3.0"
+    return version if version in ("1.0", "2.0") else "3.0"
 
 
 def _checked(root: Any, path: Path) -> tuple[DeclaredModel, tuple[str, ...]]:
@@ -328,7 +334,8 @@ def _checked(root: Any, path: Path) -> tuple[DeclaredModel, tuple[str, ...]]:
             where=str(path),
             expected="co-simulation, where the FMU brings its own solver",
             got=f"FMI {model.version}, {' and '.join(sorted(model.kinds))} only",
-            hint="export it for co-simulation",
+            hint="export it for co-simulation"
+            + (", best of FMI 2.0 or 3.0" if model.major == 1 else ""),
         )
     used = _interface_of(model)
     for wrong in identifier_findings(used.identifier, used.kind):

@@ -1,4 +1,4 @@
-"""One running FMU slave, of FMI 2.0 or 3.0.
+"""One running FMU slave, of FMI 1.0, 2.0 or 3.0.
 
 Life cycle, each step once and in this order:
 
@@ -175,6 +175,7 @@ class FmuSlave(EventAccess):
         repeat the step with a smaller size, if it can: here the step has failed. So it has after
         a logged error, and with PythonFMU, which reports every failed step as such a wish.
         fmi2Pending is a failure: the callback stepFinished, which would allow it, is not given.
+        FMI 1.0 (co-simulation, 3.4) is the same without the wish for the end.
 
         FMI 3.0 (4.2.1): terminateSimulation ends the run at lastSuccessfulTime; earlyReturn is
         forbidden without earlyReturnAllowed.
@@ -187,7 +188,7 @@ class FmuSlave(EventAccess):
         what, detail = f"step from t = {time:g} s", ""
         wish = f"component {self.name!r} asked for the end in the {what}"
         if status in ACCEPTED_STATUSES:
-            if self.version == "2.0":
+            if self.version != "3.0":
                 return None
             last = self._results.last_successful_time
             self._asked = bool(self._results.terminate_simulation)
@@ -201,10 +202,13 @@ class FmuSlave(EventAccess):
                     got=f"t = {last:g} s",
                 )
             return None
-        if self.version == "2.0" and status == DISCARD:
+        if self.version != "3.0" and status == DISCARD:
             reached = self._status_of_step("getRealStatus", fmi2LastSuccessfulTime)
             if self._logged_error is None and not self._of_pythonfmu:
-                self._asked = bool(self._status_of_step("getBooleanStatus", fmi2Terminated))
+                asks = self.version == "2.0"  # FMI 1.0 has no such wish
+                self._asked = asks and bool(
+                    self._status_of_step("getBooleanStatus", fmi2Terminated)
+                )
                 if self._asked:
                     return wish + _unless_whole(reached, time, end)
                 if reached is not None and _same(within(reached, time, end), self._stop):
@@ -259,7 +263,7 @@ class FmuSlave(EventAccess):
         return self._asked
 
     def _status_of_step(self, method: str, kind: int) -> Any:
-        """Return what an FMI 2 slave says of its discarded step; None if it does not say."""
+        """Return what a slave says of its discarded step; None if it does not say."""
         error = self.last_error
         try:
             return self._attempt(method, kind)

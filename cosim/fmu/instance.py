@@ -38,10 +38,13 @@ if TYPE_CHECKING:
     from cosim.fmu.isolation import SlaveProcess
 
 WARNING, DISCARD, ERROR, FATAL = 1, 2, 3, 4
-"""fmi2Status and fmi3Status; 0 is OK."""
-PREFIX: Final[Mapping[FmiVersion, str]] = MappingProxyType({"2.0": "fmi2", "3.0": "fmi3"})
+"""fmiStatus, fmi2Status and fmi3Status; 0 is OK."""
+PREFIX: Final[Mapping[FmiVersion, str]] = MappingProxyType(
+    {"1.0": "fmi1", "2.0": "fmi2", "3.0": "fmi3"}
+)
 _STATUS: Final = MappingProxyType(
     {
+        "1.0": {2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"},
         "2.0": {2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"},
         "3.0": {2: "Discard", 3: "Error", 4: "Fatal"},
     }
@@ -124,6 +127,10 @@ class Instance:
             raise
         if description.departures:
             self._log("warning", f"breaks the standard: {'; '.join(description.departures)}", "")
+        for variable in description.model.variables:
+            why = description.unusable.get(variable.name)
+            if why is not None and variable.causality in ("input", "output"):
+                self._log("warning", f"{variable.name} is left out: {why}", "")
 
     def _loaded(self, binary: Loadable) -> Any:
         if self._process is None:
@@ -193,7 +200,7 @@ class Instance:
         return int(self._fmu.component or 0)
 
     def _on_message(self, status: int, category: str, message: str) -> None:
-        if self.version == "2.0" and "#" in message:
+        if self.version != "3.0" and "#" in message:
             message = with_names(message, self._name_of)
         if status >= DISCARD:
             self.last_error = message

@@ -1,8 +1,9 @@
 """Log messages of FMUs: C callbacks pass each to the sink of its instance.
 
-An FMI 2 message is a format with C arguments, which neither ctypes nor cffi can read; FMPy ships a
-small library that formats it. That library has one receiver per process, so a copy of it is loaded
-here, and the number of the instance is passed as its environment.
+A message of FMI 1 or 2 is a format with C arguments, which neither ctypes nor cffi can read; FMPy
+ships a small library that formats it. That library has one receiver per process, so a copy of it is
+loaded here for each version. The number of an FMI 2 instance is passed as its environment; FMI 1
+has none, so that the name of the instance says which one it is.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from typing import Any, Final, NamedTuple
 
 import fmpy
 import fmpy.logging
-from fmpy import fmi2
+from fmpy import fmi1, fmi2
 
 from cosim.core import once
 from cosim.fmu.returned import shortened
@@ -70,11 +71,16 @@ def _fmi2_logger(
     _dispatch(environment, name, status, category, text)
 
 
+@fmi1.fmi1CallbackLoggerTYPE  # type: ignore[untyped-decorator]
+def _fmi1_logger(_: int | None, name: bytes, status: int, category: bytes, text: bytes) -> None:
+    _dispatch(None, name, status, category, text)
+
+
 def _dispatch(
     environment: int | None, name: bytes, status: int, category: bytes, text: bytes
 ) -> None:
     found = _sinks.get(environment or 0)
-    if found is None:  # some FMUs do not pass the environment that they were given
+    if found is None:  # FMI 1, and FMUs that do not pass the environment that they were given
         called = shortened(name)
         alike = [one for one in list(_sinks.values()) if one.name == called]
         # several threads may run components of one name
@@ -94,11 +100,11 @@ def fmi3_logger(environment: int) -> Callable[[int | None, int, bytes, bytes], N
 
 
 @once
-def _formatting(folder: Path) -> Any:
+def _formatting(folder: Path, major: int) -> Any:
     """Load a copy of FMPy's formatting library from `folder`, which belongs to this process."""
     source = Path(fmpy.logging.logging._name)  # noqa: SLF001 - where it was loaded from
     # the folder may be another process's; a library that is loaded is never written again
-    copy = folder / f"logger-{os.getpid()}{source.suffix}"
+    copy = folder / f"logger{major}-{os.getpid()}{source.suffix}"
     shutil.copyfile(source, copy)
     return ctypes.CDLL(str(copy))
 
@@ -114,7 +120,20 @@ def fmi2_callbacks(environment: int, *, formats: bool) -> Any:
     callbacks.freeMemory = _release
     callbacks.componentEnvironment = environment
     if formats:
-        _formatting(own_folder()).addLoggerProxy(ctypes.byref(callbacks))
+        _formatting(own_folder(), 2).addLoggerProxy(ctypes.byref(callbacks))
+    return callbacks
+
+
+def fmi1_callbacks() -> Any:
+    """Make the fmiCallbackFunctions of an instance; keep them as long as it lives.
+
+    Without stepFinished, which is NULL, it may not step in the background.
+    """
+    callbacks = fmi1.fmi1CallbackFunctions()
+    callbacks.logger = _fmi1_logger
+    callbacks.allocateMemory = ctypes.cast(fmpy.calloc, fmi1.fmi1CallbackAllocateMemoryTYPE)
+    callbacks.freeMemory = ctypes.cast(fmpy.free, fmi1.fmi1CallbackFreeMemoryTYPE)
+    _formatting(own_folder(), 1).addLoggerProxy(ctypes.byref(callbacks))
     return callbacks
 
 

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 from cosim.fmu.clock import Clock
 
-FmiVersion = Literal["2.0", "3.0"]
+FmiVersion = Literal["1.0", "2.0", "3.0"]
 SignalKind = Literal["float", "int", "bool", "string", "binary", "clock"]
 """Kind of the values of a signal."""
 
@@ -28,15 +28,17 @@ _SIZED = {
     for sign in ("", "U")
     for bits in (8, 16, 32, 64)
 }
+_FMI2 = {
+    "Real": TypeMapping("float", "Real", "f8"),
+    "Integer": TypeMapping("int", "Integer", "i4"),
+    "Enumeration": TypeMapping("int", "Integer", "i4"),
+    "Boolean": TypeMapping("bool", "Boolean", "i4"),
+    "String": TypeMapping("string", "String", "S"),
+}
 TYPE_MAPPINGS: Mapping[FmiVersion, Mapping[str, TypeMapping]] = MappingProxyType(
     {
-        "2.0": {
-            "Real": TypeMapping("float", "Real", "f8"),
-            "Integer": TypeMapping("int", "Integer", "i4"),
-            "Enumeration": TypeMapping("int", "Integer", "i4"),
-            "Boolean": TypeMapping("bool", "Boolean", "i4"),
-            "String": TypeMapping("string", "String", "S"),
-        },
+        "1.0": {**_FMI2, "Boolean": TypeMapping("bool", "Boolean", "u1")},
+        "2.0": _FMI2,
         "3.0": {
             "Float64": TypeMapping("float", "Float64", "f8"),
             "Float32": TypeMapping("float", "Float32", "f4"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from math import prod
 
@@ -19,7 +20,9 @@ from cosim.fmu.port import (
 
 
 def declared_ports(model: DeclaredModel, version: FmiVersion) -> dict[str, Port]:
-    """Return every variable by name; FMI 3's aliases follow as variables of their own.
+    """Return every variable by name, without `unusable` ones.
+
+    FMI 3's aliases follow as variables of their own.
 
     Raises
     ------
@@ -29,7 +32,10 @@ def declared_ports(model: DeclaredModel, version: FmiVersion) -> dict[str, Port]
     by_reference = {v.reference: v for v in reversed(model.variables)}
     items = {t.name: tuple(int(value) for _, value in t.items) for t in model.types}
     ports = {}
+    without = unusable(model)
     for variable, name, description in _named(model):
+        if name in without:
+            continue
         type_mapping = TYPE_MAPPINGS[version][variable.type]
         kind = type_mapping.kind
         shape = checked_shape(name, tuple(_sizes(variable, by_reference)))
@@ -58,7 +64,9 @@ def declared_ports(model: DeclaredModel, version: FmiVersion) -> dict[str, Port]
                 size if size is not None else _known(by_reference, reference, variable).name
                 for size, reference in variable.dimensions
             ),
-            initial=variable.attributes.get("initial")
+            initial=variable.initial
+            if version == "1.0"
+            else variable.attributes.get("initial")
             or usual_initial(variable.causality, variable.variability, ""),
             items=items.get(variable.declared_type or "", ())
             if variable.type == "Enumeration"
@@ -72,6 +80,25 @@ def declared_ports(model: DeclaredModel, version: FmiVersion) -> dict[str, Port]
             intermediate=variable.is_true("intermediateUpdate"),
         )
     return ports
+
+
+def unusable(model: DeclaredModel) -> dict[str, str]:
+    """Return the variables that cannot be exchanged, and why.
+
+    Local variables that share a name, and FMI 1's negated aliases: the values of these are those of
+    another variable times -1.
+    """
+    places = defaultdict(set)
+    for v in model.variables:
+        for name in v.names:
+            places[name].add((v.type, v.reference))
+    found = {
+        name: f"{len(cells)} variables have this name"
+        for name, cells in places.items()
+        if len(cells) > 1
+    }
+    negated = (v.name for v in model.variables if v.attributes.get("alias") == "negatedAlias")
+    return found | dict.fromkeys(negated, "a negated alias of another variable")
 
 
 def _named(model: DeclaredModel) -> Iterator[tuple[DeclaredVariable, str, str | None]]:
@@ -122,7 +149,7 @@ def _feedthrough(model: DeclaredModel) -> tuple[set[int], set[int]]:
     found, undeclared = set(), set()
     for variable in model.variables:
         if variable.causality == "output":
-            target = variable.index if model.major == 2 else variable.reference
+            target = variable.reference if model.major == 3 else variable.index
             dependencies = declared.get(target)
             given: Iterable[DeclaredVariable | None] = model.variables
             if dependencies is not None:

@@ -116,10 +116,14 @@ class StateAccess(VariableAccess):
     def _check_capable(self, *, able: bool, flag: str) -> None:
         if not able:
             letter = "s" if self.version == "2.0" else "S"
+            is_old = self.version == "1.0"
             raise InputError(
                 "this FMU cannot save and restore its state",
                 where=self._where,
-                expected=f"the capability {flag.format(letter)}",
+                expected=f"the capability {flag.format(letter)}"
+                if not is_old
+                else "an FMU of FMI 2.0 or 3.0",
+                got="FMI 1.0, which has no call for it" if is_old else None,
             )
 
     def _free_all(self) -> None:

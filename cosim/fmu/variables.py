@@ -130,7 +130,10 @@ class VariableAccess(Instance):
                 prepared.append(before[1])  # after a reset
                 continue
             port = description.port(name, where=self._input)
-            if self.phase in PHASE_TEXT and not may_be_set(port, self.phase):
+            # FMI 1.0 has no initialization mode: the slave is initialised when that is entered
+            begun = self.version == "1.0" and self.phase == "initialising"
+            phase = "stepping" if begun else self.phase
+            if self.phase in PHASE_TEXT and not may_be_set(port, phase):
                 raise InputError(
                     f"{name} cannot be set {PHASE_TEXT[self.phase]}",
                     where=self._input,

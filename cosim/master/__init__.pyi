@@ -1,5 +1,5 @@
 from .adjustments import Adjustment as Adjustment
-from .checks import LINK_STATE as LINK_STATE
+from .checks import LINK_STATE as LINK_STATE, check_ends as check_ends
 from .communication_schedule import (
     CommunicationSchedule as CommunicationSchedule,
     Link as Link,

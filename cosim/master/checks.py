@@ -237,13 +237,7 @@ def _check_connection(system: Parts, connection: Connection, where: str) -> None
             got=policy,
             hint='events = "grid"',
         )
-    if not source.is_source or target.causality != "input":
-        got = f"{source.causality} -> {target.causality}"
-        raise InputError("a connection leads from an output to an input", where=where, got=got)
-    _check_types(source, target, where)
-    if source.unit and target.unit and source.unit != target.unit:
-        got = f"{source.unit} -> {target.unit}"
-        raise InputError("the units of the two ends differ", where=where, got=got)
+    check_ends(source, target, where)
     if link is not None and link not in system.links:
         raise InputError.unknown("link", link, system.links, where=where)
     if source.kind != "float" and policy not in _OF_ROWS:
@@ -261,6 +255,22 @@ def _check_connection(system: Parts, connection: Connection, where: str) -> None
         )
     if link is not None and source.kind != "float":
         _check_link_kind(system.links[link], source, where)
+
+
+def check_ends(source: Port, target: Port, where: str) -> None:
+    """Check that a connection may lead from one variable to another.
+
+    Raises
+    ------
+    InputError : no output and input, types or shapes that differ, or units of two names.
+    """
+    if not source.is_source or target.causality != "input":
+        got = f"{source.causality} -> {target.causality}"
+        raise InputError("a connection leads from an output to an input", where=where, got=got)
+    _check_types(source, target, where)
+    if source.unit and target.unit and source.unit != target.unit:
+        got = f"{source.unit} -> {target.unit}"
+        raise InputError("the units of the two ends differ", where=where, got=got)
 
 
 _NAMES = {

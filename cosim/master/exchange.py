@@ -22,10 +22,11 @@ run to the loop in Python. An FMU returns a C int, so that no status of one is t
 
 _FFI: Final = FFI()
 _FORMS: Final = {
-    "2.0": "int(*)(void *, void *, size_t, uintptr_t)",
+    **dict.fromkeys(("1.0", "2.0"), "int(*)(void *, void *, size_t, uintptr_t)"),
     "3.0": "int(*)(void *, void *, size_t, uintptr_t, size_t)",
 }
 _STEPS: Final = {
+    "1.0": "int(*)(void *, double, double, uint8_t)",
     "2.0": "int(*)(void *, double, double, int)",
     "3.0": "int(*)(void *, double, double, _Bool, uintptr_t, uintptr_t, uintptr_t, uintptr_t)",
 }
@@ -100,7 +101,7 @@ class Exchange:
         text = group.c_type == "S"
         self.scratch: NDArray[Any] = np.zeros(group.size, "u8" if text else group.c_type)
         self._wide = group.c_type in ("i8", "u8")
-        more = () if slave.description.version == "2.0" else (group.size,)
+        more = (group.size,) if slave.description.version == "3.0" else ()
         self._arguments = (
             pointer(slave.component),
             pointer(group.references.ctypes.data),

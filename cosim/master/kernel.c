@@ -261,7 +261,7 @@ static inline int64_t step(Run *r, const Operation *o, int64_t k, int64_t follow
     double now = r->seconds[k], size = r->sizes[k];
     if (o->following)
         size = (double)(r->points[following] - r->points[k]) / 1e9;
-    int final = (int)r->no_way_back;
+    int final = o->special || r->no_way_back; /* FMI 1.0 asks whether the step is a new one */
     if (!o->fmi3)
         return ((Step2)o->function)(o->component, now, size, final);
     if (o->save) {

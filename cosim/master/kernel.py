@@ -225,6 +225,7 @@ class KernelLoop:
             case Step():
                 slave = self._encode_slave(line, operation)
                 line["function"], line["results"] = slave.address("step"), slave.step_results
+                line["special"] = slave.description.version == "1.0"
             case Guess(loop=loop) | Settle(loop=loop):
                 line["limit"], line["tolerance"] = loop.limit, loop.tolerance
                 line["values"], line["pairs"] = loop.columns.size, self._address(loop.columns)
@@ -252,7 +253,7 @@ class KernelLoop:
     def _encode_slave(self, line: Any, operation: Operation) -> FmuSlave:
         slave = self._table.instances[operation.instance].slave
         line["component"] = slave.component
-        line["fmi3"] = slave.description.version != "2.0"
+        line["fmi3"] = slave.description.version == "3.0"
         return slave
 
     def _encode_exchange(

@@ -175,7 +175,7 @@ class PlainLoop:
         component, references = pointer(slave.component), pointer(group.references.ctypes.data)
         call = partial(function, component, references, group.references.size)
         begin, stride = int(rows.ctypes.data) + 8 * group.column, int(rows.strides[0])
-        return (call if version == "2.0" else lambda values: call(values, size)), begin, stride
+        return (call if version != "3.0" else lambda values: call(values, size)), begin, stride
 
     def _step(self, operation: Operation) -> Call:
         """Return what steps an instance from a point to its next one."""
@@ -184,7 +184,7 @@ class PlainLoop:
         times, seconds, sizes = points.points_ns.data, points.seconds.data, points.sizes.data
         following = None if operation.following is None else operation.following.data
         results = None
-        if slave.description.version != "2.0":
+        if slave.description.version == "3.0":
             results = (ctypes.c_ubyte * 16).from_address(slave.step_results)
 
         def step(k: int) -> int:
@@ -292,6 +292,8 @@ def step_call(slave: FmuSlave, no_way_back: Sequence[int]) -> Callable[[float, f
         return advance
     version = slave.description.version
     function, component = step_function(version, slave.address("step")), pointer(slave.component)
+    if version == "1.0":  # asked whether the step is a new one: no state was restored
+        return lambda time, size: function(component, time, size, 1)
     if version == "2.0":
         return lambda time, size: function(component, time, size, no_way_back[0])
     results = (ctypes.c_ubyte * 16).from_address(slave.step_results)

@@ -40,6 +40,10 @@ from .fields import (
     NAME_PATTERN as NAME_PATTERN,
     Part as Part,
 )
+from .fitting import (
+    Fitting as Fitting,
+    fitting_of as fitting_of,
+)
 from .fmu_cache import FmuCache as FmuCache
 from .gain import (
     Problem as Problem,
@@ -62,6 +66,12 @@ from .key_paths import (
 )
 from .link_keys import nanoseconds as nanoseconds
 from .lowering import has_signal_parts as has_signal_parts
+from .new_from_fmus import (
+    NewScenario as NewScenario,
+    default_name as default_name,
+    is_fmu as is_fmu,
+    scenario_from_fmus as scenario_from_fmus,
+)
 from .outcome import Outcome as Outcome
 from .pinned import named_design as named_design
 from .plant import parameters_of_plant as parameters_of_plant

@@ -123,6 +123,7 @@ _Kind = Literal["output", "input"]
 
 def _no_member(fmu: FmuDescription, end: Endpoint, kind: _Kind, where: str) -> InputError:
     """Make the error for an end that is not an output, or not an input."""
+    fmu.require_usable(end.variable, where=where)
     other: _Kind = "input" if kind == "output" else "output"
     if members(fmu, end.variable, other):
         problem = "two outputs cannot be connected" if kind == "input" else "nothing comes from it"

@@ -108,6 +108,35 @@ found = [
     assert "need a C compiler" in refused
 
 
+def test_all_platforms_without_a_cross_compiler(wheel: Path) -> None:
+    """They are the prebuilt ones where these are for all; else it is said what to do."""
+    code = """
+sys.modules["ziglang"] = None
+def made(flavour, **named):
+    kind = target_named(flavour, "all", **named)
+    return refused(write_fmu, CATALOGUE["HinfController"], own / "some.fmu", kind)
+clocked = made("native-fmi3", clocked=True)
+found = [made("native"), clocked, target_named("native", "all").prebuilt]
+"""
+    some = found_by(wheel, code)
+    every = (
+        "from cosim.fmu.compiled import write_manifest",
+        "write_manifest(wheel, list(PLATFORMS))",
+        code,
+    )
+    all_of_them = found_by(wheel, "\n".join(every))
+    changed = "from cosim.fmu.compiled import prebuilt\nprebuilt._SOURCES = ('models',)"
+    other = found_by(wheel, f"{changed}\n{code}")
+    assert [one[2] for one in (some, all_of_them, other)] == [False, True, False]
+    assert all_of_them[0] is None
+    for refusal in (some[0], some[1], all_of_them[1], other[0]):
+        assert "FMUs for other platforms need a cross compiler" in refusal
+        assert "pip install 'auv-cosim[cross]', or " in refusal
+    assert "--platforms prebuilt, which has binaries" in some[0]
+    assert "the installed sources are not those of the prebuilt binaries" in other[0]
+    assert "install the wheel: its FMUs have binaries for all platforms" in other[0]
+
+
 def test_the_kernel_of_the_wheel_belongs_to_its_source(wheel: Path) -> None:
     """By name: with another source there is none."""
     code = """

@@ -10,7 +10,7 @@ from pathlib import Path
 import fmpy
 import pytest
 from foreign.c_fmu import c_fmu, every, talker
-from packed import FMI1, Files, files_of, pack, renamed, with_file, without
+from packed import Files, files_of, pack, renamed, with_file, without
 
 from cosim.core import ComponentError, InputError
 from cosim.fmu import FmuSlave, describe_fmu
@@ -115,13 +115,6 @@ def test_library_without_the_functions_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ComponentError, match="lacks a function") as caught:
         FmuSlave(describe_fmu(path), "it", silent)
     assert "fmi3InstantiateCoSimulation" in str(caught.value.got)
-
-
-def test_fmi_1_is_refused_by_name(tmp_path: Path) -> None:
-    """It was replaced in 2014, and nothing here runs it."""
-    path = pack({"modelDescription.xml": FMI1.encode()}, tmp_path / "Old.fmu")
-    with pytest.raises(InputError, match=r"an FMU of FMI 1\.0 cannot be run"):
-        describe_fmu(path)
 
 
 def test_second_instance_is_refused_where_one_is_allowed(tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import subprocess
 import sys
 import zipfile
@@ -11,10 +13,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import fmpy
+import pefile
 import pytest
 from cli.shell import shared_run
+from docs.page_blocks import blocks_of
 from driven import drive
 from fmpy.validation import validate_fmu
+from fmu.packed import functions_of_fmi2
+from lxml import etree
 from raw_fmu import RawFmu
 from shared import made_once, share_of
 
@@ -130,6 +137,56 @@ def test_nothing_is_compiled_where_it_is_installed(package: Path, tmp_path: Path
     packed = installed(package, tmp_path, "fmu", "build", "paper", "--out", "plant.fmu")
     assert installed(package, tmp_path, "fmu", "check", packed["fmu"], "--run")["valid"]
     assert not list(tmp_path.rglob("fmus"))
+
+
+def test_fmus_for_a_windows_machine_as_the_page_says(package: Path, tmp_path: Path) -> None:
+    """Every command of the page about Simulink; then what a Windows machine needs of each FMU."""
+    hidden = tmp_path / "hidden"
+    hidden.mkdir()
+    (hidden / "sitecustomize.py").write_text('import sys; sys.modules["ziglang"] = None\n')
+    home = tmp_path / "home"
+    home.mkdir()
+    environment = {
+        "PATH": str(home),
+        "HOME": str(home / "nowhere"),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONPATH": os.pathsep.join([str(hidden), str(package)]),
+    }
+
+    def typed(line: str) -> None:
+        program, *words = shlex.split(line)
+        done = subprocess.run(  # noqa: S603 - what the page tells people to type
+            [sys.executable, "-m", program, *words],
+            check=False,
+            capture_output=True,
+            text=True,
+            cwd=home,
+            env=environment,
+        )
+        assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+
+    blocks = [one for one in blocks_of(ROOT / "docs/how-to/simulink.md") if one.is_run]
+    for line in (line for block in blocks if block.language == "sh" for line in block.commands):
+        typed(line)
+    schemas = Path(fmpy.__file__).parent / "schema" / "fmi2" / "fmi2ModelDescription.xsd"
+    schema = etree.XMLSchema(etree.parse(str(schemas)))
+    names = ("AuvPlant", "HinfController", "paper_controller")
+    assert {path.stem for path in home.glob("*.fmu")} == set(names)
+    for name in names:
+        with zipfile.ZipFile(home / f"{name}.fmu") as archive:
+            schema.assertValid(etree.fromstring(archive.read("modelDescription.xml")))
+            library = archive.read(f"binaries/win64/{name}.dll")
+        with pefile.PE(data=library) as pe:
+            assert pe.FILE_HEADER.Machine == pefile.MACHINE_TYPE["IMAGE_FILE_MACHINE_AMD64"]
+            exported = {one.name.decode() for one in pe.DIRECTORY_ENTRY_EXPORT.symbols}
+            needed = {one.dll.decode().lower() for one in pe.DIRECTORY_ENTRY_IMPORT}
+        assert exported >= {*functions_of_fmi2()}
+        assert all(re.fullmatch(r"kernel32\.dll|api-ms-win-crt-.*\.dll", one) for one in needed)
+        assert validate_fmu(str(home / f"{name}.fmu")) == []
+    for verb, what in (("build AuvPlant", "AuvPlant"), ("controller paper.json", names[2])):
+        rate = "" if verb.startswith("build") else "--name paper_controller --sample-time 0.01"
+        typed(f"cosim fmu {verb} -o all.fmu --platforms all {rate}")
+        assert (home / "all.fmu").read_bytes() == (home / f"{what}.fmu").read_bytes()
 
 
 def test_a_wheel_without_binaries_says_so(tmp_path: Path) -> None:

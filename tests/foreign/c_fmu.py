@@ -63,6 +63,46 @@ def talker(*, flags: str = "") -> str:
     )
 
 
+def old(*, more: str = "") -> str:
+    """Model description of old_fmi1.c, with further variables."""
+    variables = (
+        ("u", 0, "input", "continuous", '<Real start="0"/>'),
+        ("x", 1, "output", "continuous", "<Real/><DirectDependency/>"),
+        ("gain", 2, "internal", "parameter", '<Real start="1"/>'),
+        ("gap", 3, "output", "continuous", "<Real/><DirectDependency/>"),
+        ("n", 0, "input", "discrete", '<Integer start="0"/>'),
+        (
+            "m",
+            0,
+            "output",
+            "discrete",
+            "<Integer/><DirectDependency><Name>n</Name></DirectDependency>",
+        ),
+        ("mode", 1, "internal", "parameter", '<Integer start="0" min="0" max="9"/>'),
+        ("repeated", 2, "output", "discrete", "<Integer/><DirectDependency/>"),
+        ("tasks", 3, "output", "discrete", "<Integer/><DirectDependency/>"),
+        ("b", 0, "input", "discrete", '<Boolean start="false"/>'),
+        ("c", 1, "output", "discrete", "<Boolean/>"),
+        ("s", 0, "input", "discrete", '<String start="old"/>'),
+        ("t", 1, "output", "discrete", "<String/>"),
+    )
+    lines = "".join(
+        f'<ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
+        f'variability="{variability}">{kind}</ScalarVariable>'
+        for name, reference, causality, variability, kind in variables
+    )
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        '<fmiModelDescription fmiVersion="1.0" modelName="old" modelIdentifier="old_fmi1" '
+        'guid="{old}" numberOfContinuousStates="0" numberOfEventIndicators="0">'
+        '<DefaultExperiment startTime="0" stopTime="2"/>'
+        f"<ModelVariables>{lines}{more}</ModelVariables><Implementation>"
+        "<CoSimulation_StandAlone><Capabilities "
+        'canHandleVariableCommunicationStepSize="true" canHandleEvents="true"/>'
+        "</CoSimulation_StandAlone></Implementation></fmiModelDescription>\n"
+    )
+
+
 def every(*, strings: bool = True) -> str:
     """Model description of every_fmi3.c, with or without its Strings and Binary."""
     lines = ['<Float64 name="time" valueReference="999" causality="independent"/>']

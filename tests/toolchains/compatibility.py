@@ -89,6 +89,18 @@ The container file was built and run once by Buildah, over a stand-in for its ba
 lines say how.
 """
 
+_OF_OTHERS = """\
+## FMUs of other tools
+
+What runs here, whatever tool made it; `cosim fmu check` reads all of them.
+
+| FMI | co-simulation | model exchange | what it lacks by its standard |
+|---|---|---|---|
+| 1.0 | yes | refused | saved states, with snapshots and solved loops; log categories |
+| 2.0 | yes | refused | Clocks, arrays, event mode |
+| 3.0 | yes, scheduled execution too | refused | |
+"""
+
 _ARCHIVES_HEAD = """\
 ## SSP archives
 
@@ -282,6 +294,7 @@ def page() -> str:
             *notes,
             "",
             _SYSTEMS,
+            _OF_OTHERS,
             "## Not tried",
             "",
             "| tool | why |",

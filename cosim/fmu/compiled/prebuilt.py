@@ -72,6 +72,11 @@ def why_none_prebuilt() -> str | None:
     return None
 
 
+def prebuilt_platforms() -> frozenset[str]:
+    """Return what the prebuilt binaries are for; nothing where they may not be used."""
+    return frozenset(() if why_none_prebuilt() is not None else _manifest()["platforms"])
+
+
 @cache
 def source_digest() -> str:
     """Return the hash of all sources that decide on the bytes of what is prebuilt."""

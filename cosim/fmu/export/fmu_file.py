@@ -10,10 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.core import InputError, copy_whole, not_written
-from cosim.fmu.compiled.prebuilt import why_none_prebuilt
+from cosim.fmu.compiled.prebuilt import prebuilt_platforms, why_none_prebuilt
 from cosim.fmu.export.build import build_fmu
 from cosim.fmu.export.flavours import FMI_VERSION, Flavour
-from cosim.fmu.export.native.target_platforms import Platform, platforms_named
+from cosim.fmu.export.native.target_platforms import (
+    PLATFORMS,
+    Platform,
+    has_cross_compiler,
+    platforms_named,
+)
 from cosim.fmu.export.spec import ComponentSpec
 from cosim.fmu.unpacking import own_folder
 
@@ -63,16 +68,22 @@ class FmuTarget:
         return "native, prebuilt for all platforms" if ready else "native, compiled on this machine"
 
 
-def target_named(flavour: Flavour, platforms: str) -> FmuTarget:
+def target_named(flavour: Flavour, platforms: str, *, clocked: bool = False) -> FmuTarget:
     """Return the kind of FMU with the platforms that a text names: prebuilt, host, all, or a list.
+
+    Without a cross compiler, "all" are the prebuilt binaries, if these are for all platforms.
 
     Raises
     ------
     InputError : a platform that does not exist, or platforms of an FMU in Python.
     """
-    if platforms == "prebuilt":
-        return FmuTarget(flavour)
-    return FmuTarget(flavour, platforms_named(platforms, "prebuilt"), prebuilt=False)
+    is_prebuilt = platforms == "prebuilt"
+    if platforms == "all" and flavour != "python" and not clocked:
+        is_prebuilt = not has_cross_compiler() and prebuilt_platforms().issuperset(PLATFORMS)
+    if is_prebuilt:
+        return FmuTarget(flavour, clocked=clocked)
+    named = platforms_named(platforms, "prebuilt")
+    return FmuTarget(flavour, named, prebuilt=False, clocked=clocked)
 
 
 def write_fmu(component: str | ComponentSpec, path: Path, kind: FmuTarget) -> None:

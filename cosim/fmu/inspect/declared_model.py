@@ -77,6 +77,11 @@ class DeclaredVariable:
         return self.type in _FLOATS
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Its name, then those of its aliases."""
+        return (self.name, *(name for name, *_ in self.aliases))
+
+    @property
     def start(self) -> str | None:
         """Its start value, the first of several; None without one."""
         return self.starts[0] if self.starts else None
@@ -95,7 +100,8 @@ class DeclaredVariable:
 class Unknown:
     """An entry of ModelStructure: its role, target and dependencies.
 
-    `target` and `dependencies` are indices from 1 in FMI 2, value references in FMI 3.
+    `target` and `dependencies` are value references in FMI 3, else indices from 1. FMI 1 has
+    dependencies at the outputs themselves (DirectDependency).
     """
 
     role: str
@@ -189,9 +195,18 @@ class DeclaredModel:
         """The kinds of use that it offers."""
         return frozenset(interface.kind for interface in self.interfaces)
 
+    @property
+    def experiment_times(self) -> dict[str, float]:
+        """The finite numbers of the default experiment, by attribute."""
+        return {
+            key: value
+            for key in ("startTime", "stopTime", "stepSize", "tolerance")
+            if (value := number(self.experiment.get(key))) is not None and abs(value) < float("inf")
+        }
+
     def variables_by_target(self) -> Mapping[int, DeclaredVariable]:
-        """Return variables by number in ModelStructure: index in FMI 2, reference in FMI 3."""
-        if self.major == 2:
+        """Return variables by number in ModelStructure: reference in FMI 3, else index."""
+        if self.major < 3:
             return {v.index: v for v in self.variables}
         return {v.reference: v for v in self.variables if v.reference is not None}
 
@@ -294,8 +309,9 @@ def _variable(element: Any, index: int, model: DeclaredModel) -> DeclaredVariabl
     variability = element.get("variability")
     if model.major == 1:
         causality = "local" if causality in ("internal", "none") else causality
-        if variability == "parameter":
-            causality, variability = "parameter", "fixed"
+        if variability == "parameter" and causality != "output":  # without a start it is computed
+            causality = "parameter" if "start" in attributes else "calculatedParameter"
+        variability = "fixed" if variability == "parameter" else variability
     variability = variability or _usual_variability(kind, causality, model.major)
     start = attributes.get("start")
     starts = None if start is None else (start,)
@@ -314,7 +330,9 @@ def _variable(element: Any, index: int, model: DeclaredModel) -> DeclaredVariabl
         attributes=attributes,
         causality=causality,
         variability=variability,
-        initial=element.get("initial") or usual_initial(causality, variability, kind),
+        initial=_initial_of_fmi1(causality, variability, attributes)
+        if model.major == 1
+        else element.get("initial") or usual_initial(causality, variability, kind),
         starts=starts,
         minimum=own("min"),
         maximum=own("max"),
@@ -353,7 +371,19 @@ def usual_initial(causality: str, variability: str, kind: str) -> str | None:
     return "exact" if exact else "calculated"
 
 
+def _initial_of_fmi1(causality: str, variability: str, attributes: Mapping[str, str]) -> str | None:
+    """Return `initial` as FMI 1 says it: by a start, and whether it is fixed or a guess."""
+    if variability == "constant" or causality == "input":
+        return "exact"
+    if "start" not in attributes:
+        return "calculated"
+    return "approx" if attributes.get("fixed") in ("false", "0") else "exact"
+
+
 def _structure(root: Any, major: int) -> Iterator[Unknown]:
+    if major == 1:
+        yield from _dependencies_of_fmi1(root)
+        return
     roles = {2: _FMI2_ROLES, 3: _FMI3_ROLES}.get(major, {})
     for tag, role in roles.items():
         path = f"ModelStructure/{tag}/Unknown" if major == 2 else f"ModelStructure/{tag}"
@@ -366,6 +396,18 @@ def _structure(root: Any, major: int) -> Iterator[Unknown]:
                 _numbers(element.get("dependencies")),
                 None if kinds is None else tuple(kinds.split()),
             )
+
+
+def _dependencies_of_fmi1(root: Any) -> Iterator[Unknown]:
+    """Give the outputs that say which inputs they depend on; -1 stands for a name that is none."""
+    variables = root.findall("ModelVariables/ScalarVariable")
+    indices = {element.get("name"): index for index, element in enumerate(variables, 1)}
+    for index, element in enumerate(variables, 1):
+        listed = element.find("DirectDependency")
+        if listed is not None and element.get("causality") == "output":
+            names = (name.text for name in listed.findall("Name"))
+            numbers = tuple(indices.get(name, -1) for name in names)
+            yield Unknown("output", listed.sourceline or 0, index, numbers, None)
 
 
 def _numbers(text: str | None) -> tuple[int, ...] | None:

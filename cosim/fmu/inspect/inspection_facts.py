@@ -6,7 +6,7 @@ from collections import Counter
 from typing import Any
 
 from cosim.fmu.inspect.binaries import platform_of
-from cosim.fmu.inspect.declared_model import DeclaredModel, number
+from cosim.fmu.inspect.declared_model import DeclaredModel
 from cosim.fmu.inspect.findings import LEVELS
 from cosim.fmu.inspect.inspection import Inspection
 from cosim.fmu.inspect.library import Binary
@@ -81,12 +81,7 @@ def _model(model: DeclaredModel) -> dict[str, Any]:
             if v.causality in _WIRED
         ],
         "units": units,
-        "default_experiment": {
-            key: value
-            for key in ("startTime", "stopTime", "stepSize", "tolerance")
-            if (value := number(model.experiment.get(key))) is not None
-            and abs(value) < float("inf")
-        },
+        "default_experiment": model.experiment_times,
     }
 
 

@@ -20,6 +20,7 @@ from fmpy import fmi1, fmi2, fmi3
 from fmpy.logging import addLoggerProxy
 
 from cosim.core import Frames
+from cosim.fmu.fmi1_calls import FMU1Calls
 
 _LEVELS = ("info", "warning", "warning", "error", "fatal", "info")
 _MOST_MESSAGES = 50
@@ -95,7 +96,7 @@ class Driver:
         self.event_log = event_log
         self.major, self.kind = request["major"], request["kind"]
         classes = {
-            (1, "co-simulation"): fmi1.FMU1Slave,
+            (1, "co-simulation"): FMU1Calls,
             (1, "model exchange"): fmi1.FMU1Model,
             (2, "co-simulation"): fmi2.FMU2Slave,
             (2, "model exchange"): fmi2.FMU2Model,

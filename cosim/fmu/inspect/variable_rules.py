@@ -70,15 +70,16 @@ def variable_findings(model: DeclaredModel) -> Iterator[Finding]:
 
 def _names(model: DeclaredModel) -> Iterator[Finding]:
     structured = model.attributes.get("variableNamingConvention") == "structured"
-    names = [(v.where, v.name) for v in model.variables]
-    names += [(v.where, alias) for v in model.variables for alias, *_ in v.aliases]
+    names = [(v.where, name) for v in model.variables for name in v.names]
     counts = Counter(name for _, name in names)
+    used = {name for v in model.variables if v.causality != "local" for name in v.names}
     for where, name in names:
         if not name:
             yield finding("name-empty", where, "the name is empty")
             continue
         if counts[name] > 1:
-            yield finding("name-twice", where, f"{counts[name]} variables are named {name!r}")
+            what = f"{counts[name]} variables are named {name!r}"
+            yield finding("name-twice", where, what, level=None if name in used else "warning")
         if any(c in name for c in "\r\n\t"):
             yield finding("name-control", where, f"the name is {name!r}")
         elif structured and not _STRUCTURED.fullmatch(name):

@@ -31,14 +31,20 @@ enum { FUTEX_WAIT_ = 0, FUTEX_WAKE_ = 1 };
 #define TICK_NS INT64_C(20000000) /* between two looks at whether the other process lives */
 #define DATA 256                  /* where references and values begin in the shared memory */
 
+#define TYPES_1(X) X(Real, double) X(Integer, int32_t) X(Boolean, uint8_t)
 #define TYPES_2(X) X(Real, double) X(Integer, int32_t) X(Boolean, int32_t)
 #define TYPES_3(X)                                                                                 \
     X(Float64, double) X(Float32, float) X(Int8, int8_t) X(UInt8, uint8_t) X(Int16, int16_t)       \
     X(UInt16, uint16_t) X(Int32, int32_t) X(UInt32, uint32_t) X(Int64, int64_t)                    \
     X(UInt64, uint64_t) X(Boolean, uint8_t)
+#define TWO_OF_1(NAME, T) GET_1_##NAME, SET_1_##NAME,
 #define TWO_OF_2(NAME, T) GET_2_##NAME, SET_2_##NAME,
 #define TWO_OF_3(NAME, T) GET_3_##NAME, SET_3_##NAME,
-enum { MESSAGE, STEP_2, STEP_3, TYPES_2(TWO_OF_2) LAST_OF_2, TYPES_3(TWO_OF_3) FUNCTIONS };
+enum {
+    MESSAGE, STEP_1, STEP_2, STEP_3,
+    TYPES_1(TWO_OF_1) TYPES_2(TWO_OF_2) LAST_OF_2, /* of the form of FMI 2 */
+    TYPES_3(TWO_OF_3) FUNCTIONS
+};
 
 /* What both processes map. `request` counts what the master asks for, `done` follows it; `answer`
    changes with everything that the master should look at, such as `lines`, the number of log lines
@@ -151,13 +157,15 @@ static int exchanged(Channel *c, int32_t function, const uint32_t *references, u
     return status;
 }
 
-#define PROXIES_2(NAME, T)                                                                         \
-    static int get_2_##NAME(Channel *c, const uint32_t *r, size_t n, T *v) {                       \
-        return exchanged(c, GET_2_##NAME, r, n, v, n, sizeof(T));                                  \
+#define PROXIES_OF(M, NAME, T)                                                                     \
+    static int get_##M##_##NAME(Channel *c, const uint32_t *r, size_t n, T *v) {                   \
+        return exchanged(c, GET_##M##_##NAME, r, n, v, n, sizeof(T));                              \
     }                                                                                              \
-    static int set_2_##NAME(Channel *c, const uint32_t *r, size_t n, T *v) {                       \
-        return exchanged(c, SET_2_##NAME, r, n, v, n, sizeof(T));                                  \
+    static int set_##M##_##NAME(Channel *c, const uint32_t *r, size_t n, T *v) {                   \
+        return exchanged(c, SET_##M##_##NAME, r, n, v, n, sizeof(T));                              \
     }
+#define PROXIES_1(NAME, T) PROXIES_OF(1, NAME, T)
+#define PROXIES_2(NAME, T) PROXIES_OF(2, NAME, T)
 #define PROXIES_3(NAME, T)                                                                         \
     static int get_3_##NAME(Channel *c, const uint32_t *r, size_t n, T *v, size_t m) {             \
         return exchanged(c, GET_3_##NAME, r, n, v, m, sizeof(T));                                  \
@@ -165,8 +173,14 @@ static int exchanged(Channel *c, int32_t function, const uint32_t *references, u
     static int set_3_##NAME(Channel *c, const uint32_t *r, size_t n, T *v, size_t m) {             \
         return exchanged(c, SET_3_##NAME, r, n, v, m, sizeof(T));                                  \
     }
+TYPES_1(PROXIES_1)
 TYPES_2(PROXIES_2)
 TYPES_3(PROXIES_3)
+
+static int step_1(Channel *c, double time, double size, uint8_t new_step) {
+    c->shared->time = time, c->shared->size = size, c->shared->final = new_step;
+    return called(c, STEP_1);
+}
 
 static int step_2(Channel *c, double time, double size, int final) {
     c->shared->time = time, c->shared->size = size, c->shared->final = final;
@@ -184,20 +198,21 @@ static int step_3(Channel *c, double time, double size, uint8_t final, uint8_t *
     return status;
 }
 
-#define NAMED_2(NAME, T)                                                                           \
-    [GET_2_##NAME] = {"fmi2Get" #NAME, (void *)get_2_##NAME, sizeof(T)},                           \
-    [SET_2_##NAME] = {"fmi2Set" #NAME, (void *)set_2_##NAME, sizeof(T)},
-#define NAMED_3(NAME, T)                                                                           \
-    [GET_3_##NAME] = {"fmi3Get" #NAME, (void *)get_3_##NAME, sizeof(T)},                           \
-    [SET_3_##NAME] = {"fmi3Set" #NAME, (void *)set_3_##NAME, sizeof(T)},
+#define NAMED(M, NAME, T)                                                                          \
+    [GET_##M##_##NAME] = {"fmi" #M "Get" #NAME, (void *)get_##M##_##NAME, sizeof(T)},              \
+    [SET_##M##_##NAME] = {"fmi" #M "Set" #NAME, (void *)set_##M##_##NAME, sizeof(T)},
+#define NAMED_1(NAME, T) NAMED(1, NAME, T)
+#define NAMED_2(NAME, T) NAMED(2, NAME, T)
+#define NAMED_3(NAME, T) NAMED(3, NAME, T)
 static const struct {
     const char *name;
     void *proxy;
     uint64_t bytes;
 } named[FUNCTIONS] = {[MESSAGE] = {"", NULL, 0},
+                      [STEP_1] = {"fmi1DoStep", (void *)step_1, 0},
                       [STEP_2] = {"fmi2DoStep", (void *)step_2, 0},
                       [STEP_3] = {"fmi3DoStep", (void *)step_3, 0},
-                      TYPES_2(NAMED_2)[LAST_OF_2] = {"", NULL, 0},
+                      TYPES_1(NAMED_1) TYPES_2(NAMED_2)[LAST_OF_2] = {"", NULL, 0},
                       TYPES_3(NAMED_3)};
 
 /* The number of a function, by which it is called here; 0: there is none of this name. */
@@ -226,6 +241,7 @@ typedef struct {
 
 typedef int (*Exchange2)(void *, const uint32_t *, size_t, void *);
 typedef int (*Exchange3)(void *, const uint32_t *, size_t, void *, size_t);
+typedef int (*Step1)(void *, double, double, uint8_t);
 typedef int (*Step2)(void *, double, double, int);
 typedef int (*Step3)(void *, double, double, uint8_t, uint8_t *, uint8_t *, uint8_t *, double *);
 
@@ -234,6 +250,8 @@ static int status_of(Server *v, int32_t function) {
     uint8_t *data = (uint8_t *)s + DATA;
     uint32_t *references = (uint32_t *)data;
     void *f = v->functions[function], *values = data + ((4 * s->count + 7) & ~UINT64_C(7));
+    if (function == STEP_1)
+        return ((Step1)f)(v->component, s->time, s->size, (uint8_t)s->final);
     if (function == STEP_2)
         return ((Step2)f)(v->component, s->time, s->size, s->final);
     if (function == STEP_3)

@@ -44,7 +44,7 @@ _FFI: Final = FFI()
 _LOOK: Final = "int(int64_t)"
 _TEXT_FUNCTIONS: Final = MappingProxyType(
     {
-        "fmi2": "int(void *, uintptr_t, size_t, uintptr_t)",
+        **dict.fromkeys(("fmi1", "fmi2"), "int(void *, uintptr_t, size_t, uintptr_t)"),
         "fmi3": "int(void *, uintptr_t, size_t, uintptr_t, size_t)",
     }
 )

@@ -202,7 +202,7 @@ def _left_out_of(name: str, component: Component, version: SspVersion) -> Iterat
     """Yield sentences about what the archive does not contain of a component."""
     if component.every_ns is not None:
         yield (f"component {name!r}: its own step of {component.every_ns / 1e9:g} s is left out")
-    if component.description.version != "2.0" and version == "1.0":
+    if component.description.version == "3.0" and version == "1.0":
         yield (
             f"component {name!r} is an FMU of FMI {component.description.version}, which "
             "SSP 1.0 does not cover; many tools refuse it"

@@ -5,7 +5,6 @@ The same sources and compiler give the same bytes: no build identity, path or ti
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import shlex
 import shutil
@@ -17,7 +16,7 @@ from pathlib import Path
 
 from cosim.core import InputError, still_working
 from cosim.fmu.compiled.prebuilt import why_none_prebuilt
-from cosim.fmu.export.native.target_platforms import Platform
+from cosim.fmu.export.native.target_platforms import Platform, has_cross_compiler
 from cosim.fmu.unpacking import own_folder
 
 STANDARD = ("-std=c99", "-O3", "-ffp-contract=off", "-fvisibility=hidden")
@@ -54,12 +53,16 @@ def cross_compiler() -> list[str]:
     ------
     InputError : the extra is not installed.
     """
-    if importlib.util.find_spec("ziglang") is None:
+    if not has_cross_compiler():
+        why = why_none_prebuilt()
+        ready = "install the wheel: its FMUs have binaries for all platforms"
+        if why is None:
+            ready = "--platforms prebuilt, which has binaries for all platforms"
         raise InputError(
             "FMUs for other platforms need a cross compiler",
             expected="the package ziglang",
-            got="no such package",
-            hint="pip install 'auv-cosim[cross]'",
+            got="no such package" + (f"; and {why}" if why else ""),
+            hint=f"pip install 'auv-cosim[cross]', or {ready}",
         )
     return [sys.executable, "-m", "ziglang", "cc"]
 

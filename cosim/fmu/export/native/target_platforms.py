@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -51,6 +52,11 @@ def host() -> Platform:
     here = this_machine()
     name = f"{here.architecture}-{here.system}"
     return PLATFORMS.get(name, Platform(name, name, here.suffix, ""))
+
+
+def has_cross_compiler() -> bool:
+    """Whether zig's C compiler is here, from the extra `cross`."""
+    return importlib.util.find_spec("ziglang") is not None
 
 
 def platforms_named(text: str, *others: str) -> tuple[Platform, ...]:
