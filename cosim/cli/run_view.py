@@ -10,7 +10,7 @@ from rich.table import Column
 from rich.text import Text
 
 from cosim.cli.terminal import NONE, TONES, facts, number, plain, table
-from cosim.core import at_most, counted
+from cosim.core import counted
 from cosim.trace import outcome as outcomes
 from cosim.trace.outcome import age_lines, measurement_age_lines
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 _LEVELS = {"warning": "yellow", "error": "red", "fatal": "red"}
 _MOST_EVENTS = 12
-_THRUSTS = ("force.", "thruster.")
 
 
 def outcome_view(outcome: Outcome, *, details: bool = False) -> RenderableType:
@@ -28,10 +27,8 @@ def outcome_view(outcome: Outcome, *, details: bool = False) -> RenderableType:
     details : every assumption, not only those that were not met.
     """
     colour = TONES[outcome.tone]
-    done = (
-        f"{outcome.title}: {outcome.simulated_s:g} s simulated in {outcome.wall_s:.2g} s, "
-        f"{outcome.steps} communication steps"
-    )
+    took = outcomes.duration_words(outcome.simulated_s, outcome.wall_s, outcome.steps)
+    done = f"{outcome.title}: {took}"
     parts: list[RenderableType] = [Text(done, style="dim")]
     if outcome.explanation:
         parts.append(Text(outcome.explanation, style=colour))
@@ -42,7 +39,7 @@ def outcome_view(outcome: Outcome, *, details: bool = False) -> RenderableType:
     parts += [*_assertions(outcome), *_advice(outcome)]
     parts += [
         facts(
-            *(row for row in _figures(outcome) if row[1] != NONE),
+            *(row for row in outcomes.key_figures(outcome.metrics) if row[1] != NONE),
             *(() if outages is None else outcomes.outage_rows(outages)),
         ),
         *_cut(outcome.metrics.get("cut_connections", ())),
@@ -116,7 +113,8 @@ def _compared(outcome: Outcome) -> list[tuple[str, str]]:
     """Return rows of (figure and how it was obtained, value) that runs are compared by."""
     ages = outcome.metrics.get("measurement_ages") or {}
     own = {f"oldest {name} used" for name in ages}
-    rows = [(f"{what}, {how}", value) for what, value, how in _figures(outcome) if what not in own]
+    shown = outcomes.key_figures(outcome.metrics)
+    rows = [(f"{what}, {how}", value) for what, value, how in shown if what not in own]
     for name, age in ages.items():
         most = None if age["measured"] is None else age["measured"]["greatest_s"]
         rows.append((f"oldest {name} used, measured", number(most, 4, "s")))
@@ -141,38 +139,6 @@ def _covered(label: str, outcome: Outcome, *, details: bool) -> list[RenderableT
     return [*lines, table((), rows)]
 
 
-def _figures(outcome: Outcome) -> list[tuple[str, str, str]]:
-    """Return rows of (figure, value, how it was obtained)."""
-    m = outcome.metrics
-    largest = m["largest_command"] or {}
-    thrust = max((v for n, v in largest.items() if n.startswith(_THRUSTS)), default=None)
-    use = m["envelope_use"]
-    return [
-        ("gamma", NONE if m["gamma"] is None else at_most(m["gamma"], 6), "certified"),
-        ("exact norm, nominal loop", number(m["exact_norm"], 5), "computed"),
-        ("gain of the zero-state run", number(m["gain"], 5), _gain_measured(m)),
-        ("final position error", number(m["position_error_m"], 3, "m"), "measured"),
-        ("largest thrust", number(thrust, 4, "N"), "measured"),
-        ("time at a limit", _percent(m["saturated_fraction"]), "measured"),
-        ("age that the design allows", number(m["designed_age_s"], 4, "s"), "certified up to this"),
-        ("oldest measurement used", number(m["message_age_s"], 4, "s"), "measured"),
-        *_measurement_ages(m.get("measurement_ages") or {}),
-        ("coupling delay", number(m["coupling_delay_s"], 4, "s"), "in addition to the links"),
-        ("largest use of envelope", _percent(max(use.values()) if use else None), "measured"),
-    ]
-
-
-def _measurement_ages(ages: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Return a row for the greatest age of each measurement, and of the commands."""
-    rows = []
-    for name, age in ages.items():
-        most = None if age["measured"] is None else age["measured"]["greatest_s"]
-        bound = age["greatest_s"]
-        how = f"measured; certified up to {bound:.4g} s" if bound else "measured; certified at once"
-        rows.append((f"oldest {name} used", number(most, 4, "s"), how))
-    return rows
-
-
 def _cut(cut: Iterable[Mapping[str, Any]]) -> list[RenderableType]:
     """Show the connections that cut algebraic loops of unknown feedthrough."""
     words = "{from} -> {to} is delayed by one step ({delay_s:g} s): it closes an algebraic loop"
@@ -192,15 +158,6 @@ def _pace(outcome: Outcome) -> list[RenderableType]:
     late = f"{kept.late} of {kept.points} points were later than the next one was due"
     worst = f"at most {kept.largest_s:.3g} s late, {kept.mean_s:.3g} s on average"
     return [Text(f"{kept.factor:g} x real time: {late}; {worst}")]
-
-
-def _gain_measured(metrics: Mapping[str, Any]) -> str:
-    """Say how the gain was obtained; for a worst case, also its share of the exact norm."""
-    worst, norm_share = metrics["worst_case"], metrics["norm_reached"]
-    if worst is None or norm_share is None:
-        return "measured"
-    at = f"worst case at {worst['omega']:.4g} rad/s"
-    return f"measured: {at}, {100 * norm_share:.2f} % of the exact norm"
 
 
 _ON_MEDIUM = ("collided", "receiver_sending", "out_of_range")
@@ -330,9 +287,3 @@ def _tick(met: bool | None) -> Text:  # noqa: FBT001 - a formatter of one value
     if met is None:
         return Text(NONE)
     return Text("met", style="green") if met else Text("not met", style="red")
-
-
-def _percent(value: float | None) -> str:
-    if value is None:
-        return NONE
-    return f"{100 * value:.1f} %" if value < 1e3 else f"{100 * value:.3g} %"

@@ -1,6 +1,7 @@
 "use strict";
-// Unpacks library and figures, gives what all charts share to `build`, and draws what it returns:
-// `first`, functions that draw what is always there, and `chart(div)`, which draws a [data-chart].
+// Unpacks library and figures, gives what all charts share to `build`, and draws with the function
+// that it returns every [data-chart] and [data-view] that is not folded away, and others once they
+// are unfolded.
 const drawPage = async (build) => {
   const root = document.documentElement;
   const bytesOf = (base64) => Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
@@ -31,11 +32,13 @@ const drawPage = async (build) => {
       series: ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#333333"],
       ink: "#16222c", soft: "#566673", grid: "#e3e9ee", card: "#ffffff",
       reference: "#16222c", limit: "#b34700", start: "#009e73", end: "#d55e00",
+      outage: "rgba(213,94,0,0.20)", loss: "rgba(230,159,0,0.20)",
     },
     dark: {
       series: ["#56b4e9", "#e69f00", "#33c79b", "#e29ac2", "#f0e442", "#d5713a", "#dddddd"],
       ink: "#e6edf2", soft: "#9fb0bd", grid: "#2a3742", card: "#17212a",
       reference: "#e6edf2", limit: "#ff9a4d", start: "#33c79b", end: "#ff9a4d",
+      outage: "rgba(255,154,77,0.26)", loss: "rgba(240,228,66,0.18)",
     },
   };
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -78,31 +81,34 @@ const drawPage = async (build) => {
     automargin: true,
   }, more);
 
-  const charts = [...document.querySelectorAll("[data-chart]")];
+  const charts = [...document.querySelectorAll("[data-chart], [data-view]")];
   const drawn = new Set();
-  const { first, chart } = build({
-    figures, theme, narrow, config, numbers, axes, common, axis, drawn,
-  });
+  const chart = build({ figures, theme, narrow, config, numbers, axes, common, axis, drawn });
   const draw = (div) => { chart(div); drawn.add(div); };
 
   // one after the other, so that the page answers meanwhile
   const folded = (div) => Boolean(div.closest("details:not([open])"));
-  const queue = [...first, ...charts.filter((div) => !folded(div)).map((div) => () => draw(div))];
+  const queue = charts.filter((div) => !folded(div));
   const next = () => {
-    const task = queue.shift();
-    if (!task) { root.dataset.ready = "yes"; return; }
-    task();
+    const div = queue.shift();
+    if (!div) { root.dataset.ready = "yes"; return; }
+    if (!drawn.has(div)) draw(div);
     setTimeout(next, 0);
   };
-  const all = () => {
-    first.forEach((task) => task());
-    charts.filter((div) => !folded(div) || drawn.has(div)).forEach(draw);
-  };
-  document.querySelectorAll("details").forEach((part) => part.addEventListener("toggle", () => {
-    if (part.open) part.querySelectorAll("[data-chart]").forEach((div) => {
-      if (!drawn.has(div) && !folded(div)) draw(div);
+  const all = () => charts.filter((div) => !folded(div) || drawn.has(div)).forEach(draw);
+  const folds = [...document.querySelectorAll("details")];
+  folds.forEach((part) => part.addEventListener("toggle", () => {
+    if (part.open) charts.forEach((div) => {
+      if (part.contains(div) && !drawn.has(div) && !folded(div)) draw(div);
     });
   }));
+  // a link to a section unfolds it
+  const unfold = () => {
+    const part = location.hash ? document.getElementById(location.hash.slice(1)) : null;
+    part?.querySelector(":scope > details")?.setAttribute("open", "");
+  };
+  window.addEventListener("hashchange", unfold);
+  unfold();
   next();
 
   document.getElementById("theme").addEventListener("click", () => {
@@ -111,6 +117,17 @@ const drawPage = async (build) => {
     all();
   });
   dark.addEventListener("change", all);
-  window.addEventListener("beforeprint", () => { printing = true; all(); });
-  window.addEventListener("afterprint", () => { printing = false; all(); });
+  // on paper nothing can be unfolded: all of it is printed
+  let unfolded = [];
+  window.addEventListener("beforeprint", () => {
+    printing = true;
+    unfolded = folds.filter((part) => !part.open);
+    unfolded.forEach((part) => { part.open = true; });
+    all();
+  });
+  window.addEventListener("afterprint", () => {
+    printing = false;
+    unfolded.forEach((part) => { part.open = false; });
+    all();
+  });
 };

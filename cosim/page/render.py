@@ -11,7 +11,7 @@ import gzip
 import hashlib
 import importlib.resources
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
@@ -28,7 +28,7 @@ _HERE = "cosim.page"
 def render_page(
     package: str,
     template: str,
-    script: str,
+    scripts: Sequence[str],
     drawn: Callable[[int], dict[str, Any]],
     **values: Any,
 ) -> str:
@@ -36,9 +36,9 @@ def render_page(
 
     Parameters
     ----------
-    package : the package that has the template and the script.
+    package : the package that has the template and the scripts.
     template : extends `base.html.j2`.
-    script : draws the charts; it calls `drawPage` of `page.js`.
+    scripts : the last one draws the charts; it calls `drawPage` of `page.js`.
     drawn : returns what the script draws, as JSON values, with about so many points.
     values : of the template.
 
@@ -47,7 +47,7 @@ def render_page(
     InputError : plotly is not installed.
     """
     library = plotly_js()
-    scripts = _resource(_HERE, "page.js") + _resource(package, script)
+    script = "".join([_resource(_HERE, "page.js"), *(_resource(package, s) for s in scripts)])
     environment = Environment(
         loader=ChoiceLoader([PackageLoader(package, "."), PackageLoader(_HERE, ".")]),
         autoescape=True,
@@ -57,9 +57,9 @@ def render_page(
     )
     environment.filters |= {"short": _short, "clock": _clock}
     values |= {
-        "policy": _policy(library, scripts),
+        "policy": _policy(library, script),
         "style": Markup(_resource(_HERE, "style.css")),  # noqa: S704 - a file of this package
-        "script": Markup(scripts),  # noqa: S704 - files of these packages
+        "script": Markup(script),  # noqa: S704 - files of these packages
         "library": _packed(library),
     }
     points = _POINTS

@@ -9,10 +9,7 @@ from cosim.master import System
 from cosim.network import DELIVERED, NOT_RECEIVED, PacketLink
 from cosim.scenario.measure import Fold, MeasuredRun, measure
 from cosim.scenario.run_events import EventCollector
-from cosim.trace.outcome import RunEvent
-
-FEWEST = 3
-"""Messages in a row that make a burst: one or two may be lost at any time."""
+from cosim.trace.outcome import BURST, RunEvent
 
 
 @measure
@@ -48,8 +45,8 @@ class Bursts:
         received = np.flatnonzero(~missed)
         before = np.concatenate(([-1 - self._missed], received))  # the last that was received
         after = np.append(received, missed.size)
-        for k in np.flatnonzero(after - before > FEWEST).tolist():
-            begins, ends = int(before[k]) + FEWEST, int(after[k])
+        for k in np.flatnonzero(after - before > BURST).tolist():
+            begins, ends = int(before[k]) + BURST, int(after[k])
             if begins >= 0:
                 self._begin(int(times_ns[begins]))
             if ends < missed.size:
@@ -58,13 +55,13 @@ class Bursts:
 
     def close(self, end_ns: int) -> None:
         """Count a burst that lasts at the end of the run."""
-        if self._missed >= FEWEST:
+        if self._missed >= BURST:
             self._end(end_ns, self._missed, line=False)
             self._missed = 0
 
     def _begin(self, time_ns: int) -> None:
         self._since_ns = time_ns
-        words = f"{FEWEST} messages in a row did not arrive"
+        words = f"{BURST} messages in a row did not arrive"
         self._collector.begun(RunEvent(time_ns, "warning", "loss", self._link, words))
 
     def _end(self, time_ns: int, count: int, *, line: bool = True) -> None:

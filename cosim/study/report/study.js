@@ -139,6 +139,5 @@ drawPage(({ figures, theme, narrow, config, numbers, common, axis }) => {
   if (table) ["worst-metric", "worst-order", "worst-count"].forEach((id) =>
     document.getElementById(id).addEventListener("change", rank));
 
-  return { first: [], chart: (div) =>
-    div === explored ? explore() : plot(div, figures.charts[div.dataset.chart]) };
+  return (div) => div === explored ? explore() : plot(div, figures.charts[div.dataset.chart]);
 });

@@ -106,7 +106,7 @@ def study_page(content: StudyContent) -> str:
     return render_page(
         "cosim.study.report",
         "study.html.j2",
-        "study.js",
+        ("study.js",),
         lambda _: figures(content),
         c=content,
         study=content.columns.study,

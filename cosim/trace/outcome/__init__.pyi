@@ -10,11 +10,16 @@ from .feedback_age import (
     age_lines as age_lines,
     measurement_age_lines as measurement_age_lines,
 )
+from .key_figures import (
+    duration_words as duration_words,
+    key_figures as key_figures,
+)
 from .outages import (
     outage_rows as outage_rows,
     outage_verdict as outage_verdict,
 )
 from .run_events import (
+    BURST as BURST,
     CONCLUSION as CONCLUSION,
     SERIOUS as SERIOUS,
     EventCount as EventCount,

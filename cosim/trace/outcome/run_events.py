@@ -27,6 +27,9 @@ EventKind = Literal[
 
 SERIOUS = frozenset({"warning", "error", "fatal"})
 """Levels of what a reader of the log must not miss."""
+BURST = 3
+"""Messages in a row that did not arrive and make a burst: one or two may be lost at any time."""
+
 CONCLUSION = "run"
 """Name of the last lines of a log, which say how the run ended."""
 

@@ -77,6 +77,7 @@ class Chart:
     Attributes
     ----------
     key : identifier on the page.
+    quantity : of the vertical axis, where it is not the title.
     bounds : label and value of level lines, such as limits.
     """
 
@@ -86,6 +87,13 @@ class Chart:
     curves: list[Curve] = field(default_factory=list)
     bounds: list[tuple[str, float]] = field(default_factory=list)
     note: str = ""
+    quantity: str = ""
+
+    @property
+    def axis_title(self) -> str:
+        """What the vertical axis shows, with its unit."""
+        name = self.quantity or self.title
+        return f"{name} [{self.unit}]" if self.unit else name
 
     def figure(self, segments: int) -> dict[str, Any]:
         """Return `data` and `layout` for plotly.js."""
@@ -94,8 +102,8 @@ class Chart:
         return {
             "data": data,
             "layout": {
-                "xaxis": {"title": {"text": "t [s]"}},
-                "yaxis": {"title": {"text": plain(self.unit)}},
+                "xaxis": {"title": {"text": "time t [s]"}},
+                "yaxis": {"title": {"text": plain(self.axis_title)}},
             },
         }
 

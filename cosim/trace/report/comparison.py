@@ -185,7 +185,13 @@ def _pair(
     )
     return (
         Chart(f"both-{number}", signal.name, unit, curves),
-        Chart(f"apart-{number}", f"{signal.name}, second minus first", unit, [apart]),
+        Chart(
+            f"apart-{number}",
+            f"{signal.name}, second minus first",
+            unit,
+            [apart],
+            quantity="difference",
+        ),
     )
 
 
@@ -244,4 +250,4 @@ def _age(a: Content, b: Content) -> Chart | None:
         if curve.label == _BEHIND
     ]
     title = "Age of the measurement behind the command in force"
-    return Chart("age", title, "s", curves) if curves else None
+    return Chart("age", title, "s", curves, quantity="age") if curves else None

@@ -9,7 +9,11 @@ from cosim.page import render_page
 from cosim.trace.comparison.format import diff_verdict, further_differences
 from cosim.trace.report.chart import Chart
 from cosim.trace.report.comparison import Comparison
+from cosim.trace.report.link_spans import shaded
 from cosim.trace.report.page_content import MAX_ROWS, Content
+
+MAX_SPANS = 300
+"""Most stretches that are shaded: each chart has them all."""
 
 
 def page(content: Content) -> str:
@@ -39,8 +43,12 @@ def _scenario_first(name: str) -> tuple[bool, str]:
 
 
 def figures(content: Content, points: int) -> dict[str, Any]:
-    """Return what `report.js` draws: `span`, `paths`, and `charts` by key."""
-    return _figures(content.span, [content.path], content.charts, points, ("path",))
+    """Return what `report.js` draws: `span`, `spans`, `links`, `paths`, and `charts` by key."""
+    return {
+        **_figures(content.span, [content.path], content.charts, points, ("path",)),
+        "spans": shaded(content.spans)[:MAX_SPANS],
+        "links": content.messages,
+    }
 
 
 def _figures(
@@ -64,4 +72,5 @@ def _figures(
 
 
 def _rendered(template: str, drawn: Callable[[int], dict[str, Any]], **values: Any) -> str:
-    return render_page("cosim.trace.report", template, "report.js", drawn, **values)
+    scripts = ("animation.js", "report.js")
+    return render_page("cosim.trace.report", template, scripts, drawn, **values)

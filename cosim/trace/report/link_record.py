@@ -8,8 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.trace import Table
+from cosim.trace.outcome import BURST
 from cosim.trace.report.decimation import decimated
 from cosim.trace.tables.traffic import loop_age
+
+_ARRIVED = ("overtaken", "duplicate")
+"""Reasons of messages that arrived and were not used."""
 
 Integers = NDArray[np.int64]
 Reals = NDArray[np.float64]
@@ -45,6 +49,8 @@ class LinkRecord:
     delay_ns, largest_delay_ns : sum and largest of the times from sending to delivery.
     largest_age_ns, silence_ns : of the message in use; longest time between two deliveries.
     dropped : times of due and sending, and number of each dropped message; and its reason.
+    bursts_ns : from the first to after the last of at least `BURST` messages that did not arrive;
+        None where none arrived afterwards.
     """
 
     def __init__(self) -> None:
@@ -52,11 +58,14 @@ class LinkRecord:
         self.reasons: Counter[str] = Counter()
         self.delay_ns = self.largest_delay_ns = self.largest_age_ns = self.silence_ns = 0
         self.dropped: list[tuple[Integers, list[str]]] = []
-        self._age = Points()
+        self.bursts_ns: list[tuple[int, int | None]] = []
+        self._age, self._deliveries = Points(), Points()
         self._last: tuple[int, int] | None = None
+        self._missed, self._missed_since_ns = 0, 0
 
     def add(self, delivered: Table | None, dropped: Table | None, segments: int | None) -> None:
         """Take the next messages; segments : see `Points.add`."""
+        self._add_bursts(delivered, dropped)
         if dropped is not None and len(dropped):
             self._add_dropped(dropped, segments)
         if delivered is None or not len(delivered):
@@ -67,6 +76,7 @@ class LinkRecord:
         self.largest_delay_ns = max(self.largest_delay_ns, int(delays.max()))
         order = np.argsort(delivered.log_time_ns, kind="stable")
         arrived, age = delivered.log_time_ns[order], delays[order]
+        self._deliveries.add(arrived, np.zeros(arrived.size), segments)
         if self._last is not None:
             arrived = np.append(self._last[0], arrived)
             age = np.append(self._last[1], age)
@@ -75,6 +85,7 @@ class LinkRecord:
 
     def finish(self, end_ns: int) -> None:
         """Let the last message be in use up to the end [ns]."""
+        self._end_burst(None)
         if self._last is None:
             return
         arrived, age = (np.array([each], np.int64) for each in self._last)
@@ -84,6 +95,10 @@ class LinkRecord:
     def ages(self) -> tuple[Integers, Reals]:
         """Return times [ns] and age [s] of the message in use, the corners of a sawtooth."""
         return self._age.points()
+
+    def deliveries_ns(self) -> Integers:
+        """Return the times of the deliveries [ns]."""
+        return self._deliveries.points()[0]
 
     def _sawtooth(
         self, arrived: Integers, age: Integers, until: Integers, segments: int | None
@@ -96,6 +111,28 @@ class LinkRecord:
         self.largest_age_ns = max(self.largest_age_ns, int(ages.max()))
         self._age.add(t, ages / 1e9, segments)
 
+    def _add_bursts(self, delivered: Table | None, dropped: Table | None) -> None:
+        """Follow how many messages in a row did not arrive."""
+        arrived = np.zeros(0, np.int64) if delivered is None else delivered.log_time_ns
+        missed = np.zeros(0, np.int64) if dropped is None else _missed_ns(dropped)
+        times = np.concatenate([missed, arrived])
+        is_missed = np.arange(times.size) < missed.size
+        order = np.argsort(times, kind="stable")
+        is_missed, times = is_missed[order], times[order]
+        starts = np.flatnonzero(np.diff(is_missed, prepend=~is_missed[:1]))
+        for start, end in zip(starts, [*starts[1:], times.size], strict=True):
+            if not is_missed[start]:
+                self._end_burst(int(times[start]))
+                continue
+            if self._missed == 0:
+                self._missed_since_ns = int(times[start])
+            self._missed += int(end - start)
+
+    def _end_burst(self, until_ns: int | None) -> None:
+        if self._missed >= BURST:
+            self.bursts_ns.append((self._missed_since_ns, until_ns))
+        self._missed = 0
+
     def _add_dropped(self, dropped: Table, segments: int | None) -> None:
         reasons = dropped.columns.get("reason")
         words = ["dropped"] * len(dropped) if reasons is None else [str(each) for each in reasons]
@@ -106,6 +143,14 @@ class LinkRecord:
             kept = decimated((times - times[0]) / 1e9, np.zeros(times.size), segments)
         heads = np.array([times, dropped.publish_time_ns, dropped.sequence])[:, kept]
         self.dropped.append((heads, [words[i] for i in kept]))
+
+
+def _missed_ns(dropped: Table) -> Integers:
+    """Return when messages were due that did not arrive; others were overtaken by newer ones."""
+    reasons = dropped.columns.get("reason")
+    if reasons is None:
+        return dropped.log_time_ns
+    return dropped.log_time_ns[[str(each) not in _ARRIVED for each in reasons]]
 
 
 class LoopRecord:

@@ -11,10 +11,11 @@ import numpy as np
 
 from cosim.page import LARGEST
 from cosim.trace.info import description_of
-from cosim.trace.outcome import verdict
+from cosim.trace.outcome import duration_words, key_figures, verdict
+from cosim.trace.outcome.key_figures import ABSENT
 from cosim.trace.outcome.run_outcome import RunOutcome, outcome_of
 from cosim.trace.reader import Trace
-from cosim.trace.report import generic, traffic_rows, vehicle
+from cosim.trace.report import generic, link_spans, traffic_rows, vehicle
 from cosim.trace.report.chart import Chart
 from cosim.trace.report.parameters import ChangedParameter, Settings
 from cosim.trace.report.series import DrawnSeries, Recording
@@ -42,12 +43,17 @@ class Row:
 
 @dataclass(frozen=True)
 class Section:
-    """Charts under a heading."""
+    """Charts under a heading; `folded` in views that can fold them."""
 
     key: str
     title: str
     charts: list[Chart]
     folded: bool = False
+
+    @property
+    def rank(self) -> int:
+        """Place on the page: the links first, which are not folded."""
+        return 0 if self.key == "age" else 1
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,8 @@ class Content:
     series : every signal of numbers.
     span : first and last time shown [s].
     log : its lines, of all levels.
+    messages : of each link when it delivered and dropped, for the animation.
+    spans : where links deliver nothing.
     left_out : what is not drawn, and why.
     """
 
@@ -76,6 +84,8 @@ class Content:
     timeline: list[TimelineEntry]
     log: list[LogLine]
     links: list[traffic_rows.LinkFigures]
+    spans: list[link_spans.LinkSpan]
+    messages: list[dict[str, Any]]
     path: dict[str, Any] | None
     sections: list[Section]
     changes: list[ChangedParameter]
@@ -86,6 +96,34 @@ class Content:
     span: tuple[float, float]
     origin_ns: int
     left_out: list[tuple[str, str]]
+
+    @property
+    def duration(self) -> str:
+        """How long the run was, as in the first line of `cosim run`; "" where that is unknown."""
+        run = self.outcome
+        if run.simulated_s is None:
+            return ""
+        wall = (self.info["result"] or {}).get(f"{HOST_PREFIX}wall_s")
+        return duration_words(run.simulated_s, _seconds(wall), run.steps)
+
+    @property
+    def key_figures(self) -> list[tuple[str, str, str]]:
+        """The figures that the run has, beside those that are drawn as bars."""
+        drawn = {"gamma", "exact norm, nominal loop", "gain of the zero-state run"}
+        figures = key_figures(self.outcome.metrics)
+        return [row for row in figures if row[1] != ABSENT and row[0] not in drawn]
+
+    @property
+    def shaded(self) -> list[str]:
+        """What is shaded in the charts over time, in words."""
+        return link_spans.spans_words(self.spans)
+
+    @property
+    def lead(self) -> Chart | None:
+        """The chart beside the verdict where there is no path: the first one of signals."""
+        if self.path is not None:
+            return None
+        return next((s.charts[0] for s in self.sections if s.key == "signals"), None)
 
     @property
     def charts(self) -> list[Chart]:
@@ -105,6 +143,8 @@ def content_of(path: Path) -> Content:
     links = traffic_rows.figures(recording, outcome.links)
     log = log_of(recording)
     assumptions = verdict.assumptions_of(outcome)
+    span = _span(recording)
+    spans = link_spans.spans_of(recording, log, span)
     craft = vehicle.vehicle_of(recording)
     sections = list(_sections(recording, settings, metrics, craft))
     return Content(
@@ -123,6 +163,8 @@ def content_of(path: Path) -> Content:
         timeline=timeline_of(recording, outcome, log),
         log=log,
         links=links,
+        spans=spans,
+        messages=link_spans.link_figures(recording, spans),
         path=None if craft is None else vehicle.path_of(craft) or None,
         sections=sections,
         changes=list(settings.changes()),
@@ -130,7 +172,7 @@ def content_of(path: Path) -> Content:
         provenance=list(_provenance(info)),
         rows=[_row(series) for series in recording.series[:MAX_ROWS]],
         series=recording.series,
-        span=_span(recording),
+        span=span,
         origin_ns=recording.origin_ns,
         left_out=list(_left_out(recording, sections)),
     )
@@ -214,6 +256,14 @@ def _row(series: DrawnSeries) -> Row:
     least, most = (float(finite.min()), float(finite.max())) if finite.size else (None, None)
     unit, count, gaps = series.unit or "", series.count, series.gaps
     return Row(series.topic, series.name, unit, count, first, least, most, last, gaps)
+
+
+def _seconds(text: str | None) -> float | None:
+    """Return a number of seconds; None where there is none, as other programs may write it."""
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return None
 
 
 def _span(recording: Recording) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-drawPage(({ figures, theme, narrow, config, axes, common, axis, drawn }) => {
+drawPage(({ figures, theme, narrow, config, numbers, axes, common, axis, drawn }) => {
   const dressed = (trace, t) => {
     const role = trace.meta.role;
     const colour = typeof role === "number" ? t.series[role % t.series.length] : t[role];
@@ -13,6 +13,11 @@ drawPage(({ figures, theme, narrow, config, axes, common, axis, drawn }) => {
     return out;
   };
 
+  // where links deliver nothing, behind the curves
+  const shades = (t) => (figures.spans ?? []).map(([kind, x0, x1]) => ({
+    type: "rect", layer: "below", xref: "x", yref: "paper", x0, x1, y0: 0, y1: 1,
+    line: { width: 0 }, fillcolor: kind === "outage" ? t.outage : t.loss }));
+
   // charts over time ------------------------------------------------------------------------
   let shown = figures.span.slice();
 
@@ -25,7 +30,9 @@ drawPage(({ figures, theme, narrow, config, axes, common, axis, drawn }) => {
       dragmode: narrow() ? "pan" : "zoom",
       showlegend: data.length > 1,
       xaxis: axis(t, { title: { ...figure.layout.xaxis.title, standoff: 6 }, range: shown.slice() }),
-      yaxis: axis(t, { title: figure.layout.yaxis.title, exponentformat: "power" }),
+      yaxis: axis(t, { title: { ...figure.layout.yaxis.title, standoff: 8 },
+        exponentformat: "power" }),
+      shapes: shades(t),
     });
     layout.xaxis.uirevision = String(shown);
     Plotly.react(div, data, layout, config);
@@ -45,7 +52,8 @@ drawPage(({ figures, theme, narrow, config, axes, common, axis, drawn }) => {
     const fields = [document.getElementById("from"), document.getElementById("to")];
     fields.forEach((field, i) => { if (field) field.value = Number(shown[i].toPrecision(8)); });
     following = true;
-    const all = [...drawn].map((div) => Plotly.relayout(div, {
+    const charts = [...drawn].filter((div) => div.dataset.chart);
+    const all = charts.map((div) => Plotly.relayout(div, {
       "xaxis.range": shown.slice(), "xaxis.uirevision": String(shown) }));
     Promise.all(all).finally(() => { following = false; });
   };
@@ -74,12 +82,22 @@ drawPage(({ figures, theme, narrow, config, axes, common, axis, drawn }) => {
   const several = paths.length > 1;
   const reference = paths.find((path) => path.reference)?.reference;
   const wanted = reference && axes(reference);
-  const lengths = () => ["x", "y", "z"].map((k) => {
+  const rangeOf = (lines, k) => {
     let low = Infinity, high = -Infinity;
-    for (const { line } of paths)
+    for (const line of lines)
       for (const v of line[k]) { if (v < low) low = v; if (v > high) high = v; }
+    return [low, high];
+  };
+  const lengths = () => ["x", "y", "z"].map((k) => {
+    const [low, high] = rangeOf(paths.map(({ line }) => line), k);
     return high - low;
   });
+  // fixed, so that nothing moves but the vehicle
+  const padded = (k) => {
+    const [low, high] = rangeOf([...paths.map(({ line }) => line), ...(wanted ? [wanted] : [])], k);
+    const pad = 0.08 * Math.max(...lengths()) || 1;
+    return [low - pad, high + pad];
+  };
   const trueToScale = () => Math.max(...lengths()) < 8 * Math.min(...lengths());
   const strokes = (path) => {
     const [north, east, depth] = lengths();
@@ -117,13 +135,14 @@ drawPage(({ figures, theme, narrow, config, axes, common, axis, drawn }) => {
     if (target) out.push(mark("set point", target, t.reference, "cross"));
     return out;
   };
+  const motion = animation({ figures, paths, numbers, theme });
   const plan = () => {
     const t = theme();
     const place = (p) => ({ x: p.y, y: p.x });
     Plotly.react("plan", pathTraces(t, place, { type: "scatter" }), Object.assign(common(t), {
-      hovermode: "closest", dragmode: "pan",
-      xaxis: axis(t, { title: { text: "east y", standoff: 6 } }),
-      yaxis: axis(t, { title: { text: "north x" }, scaleanchor: "x", scaleratio: 1 }),
+      hovermode: "closest", dragmode: "pan", shapes: motion.shapes(),
+      xaxis: axis(t, { title: { text: "east y [m]", standoff: 6 }, range: padded("y") }),
+      yaxis: axis(t, { title: { text: "north x [m]", standoff: 8 }, range: padded("x"), scaleanchor: "x", scaleratio: 1 }),
     }), { ...config, scrollZoom: !narrow() });
   };
   const canDrawSpace = (() => {
@@ -155,13 +174,16 @@ drawPage(({ figures, theme, narrow, config, axes, common, axis, drawn }) => {
     Plotly.react("space", pathTraces(t, place, { type: "scatter3d" }), Object.assign(common(t), {
       margin: { l: 0, r: 0, t: 34, b: 0 },
       scene: {
-        xaxis: side("east y"), yaxis: side("north x"),
-        zaxis: side("depth z", { autorange: "reversed" }),
+        xaxis: side("east y [m]"), yaxis: side("north x [m]"),
+        zaxis: side("depth z [m]", { autorange: "reversed" }),
         aspectmode: trueToScale() ? "data" : "cube",
-        camera: { eye: { x: 1.3, y: -1.55, z: 0.9 } }, uirevision: "kept",
+        // far enough away that the titles of the axes are whole
+        camera: { eye: { x: 1.55, y: -1.85, z: 1.05 }, center: { x: 0, y: 0, z: -0.12 } },
+        uirevision: "kept",
       },
     }), config);
   };
 
-  return { first: paths.length ? [plan, space] : [], chart: timeChart };
+  const views = { plan, space };
+  return (div) => (views[div.dataset.view] ?? timeChart)(div);
 });

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,7 +96,7 @@ class Recording:
         while True:
             self.log: Table | None = None
             self._signals: dict[tuple[str, str], _Signal] = {}
-            self.links = {name: LinkRecord() for name in _link_names(trace.topics)}
+            self.links = {name: LinkRecord() for name in trace.link_names}
             self._pair, self.loop = self._loop()
             readable = [topic for topic in topics if topic not in self.unread]
             try:
@@ -249,14 +249,6 @@ class _Signal:
             times, values = times[order], values[order]
         t = seconds(times)
         return DrawnSeries(*self._place, t, values, self._stepwise, self.count, self._gaps)
-
-
-def _link_names(topics: Iterable[str]) -> list[str]:
-    prefix = link_topic("")
-    names = (
-        t.removeprefix(prefix).removesuffix("/dropped") for t in topics if t.startswith(prefix)
-    )
-    return list(dict.fromkeys(names))
 
 
 def _place(topic: str) -> tuple[str, str]:

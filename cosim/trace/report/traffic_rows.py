@@ -74,7 +74,7 @@ def chart_of(recording: Recording, metrics: Mapping[str, Any]) -> Chart | None:
     links = recording.links
     if not links:
         return None
-    chart = Chart("age", "Age of the message in use", "s")
+    chart = Chart("age", "Age of the message in use", "s", quantity="age")
     loop = _loop_age(recording, metrics.get("message_age_s"))
     if loop is not None:
         label = "measurement behind the command in force"

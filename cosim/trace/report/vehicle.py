@@ -142,24 +142,24 @@ def drawn(vehicle: Vehicle) -> set[str]:
 def path_of(vehicle: Vehicle) -> dict[str, Any]:
     """Return the path for the plan view and the 3-D view, thinned so that its corners survive.
 
-    Keys: `t`, `x`, `y`, `z` (packed); `reference` with the same, None without one; `headings`
-    [[x, y, z, psi, t], ...], `start` and `end` [x, y, z], `target` [x, y, z] or None.
+    Keys: `t`, `x`, `y`, `z`, `psi` (packed); `reference` with all but `psi`, None without one;
+    `headings` [[x, y, z, psi, t], ...], `start` and `end` [x, y, z], `target` [x, y, z] or None.
     """
     t = vehicle.pose["eta.x"].t
     place = [vehicle.pose[axis].values for axis in ("eta.x", "eta.y", "eta.z")]
     finite = np.all(np.isfinite(place), axis=0)
     if not finite.any():
         return {}
-    kept = _kept(t[finite], [axis[finite] for axis in place])
+    psi, times = vehicle.pose["eta.psi"].values[finite], t[finite]
+    kept = _kept(times, [*(axis[finite] for axis in place), psi])
     good = [axis[finite][kept] for axis in place]
-    psi = vehicle.pose["eta.psi"].values[finite]
-    times = t[finite]
     at = np.unique(np.searchsorted(times, np.linspace(times[0], times[-1], _HEADINGS)))
     at = at[at < times.size]
     rows = np.column_stack([*(axis[finite][at] for axis in place), psi[at], times[at]])
     reference, target = _reference(vehicle)
     return {
         **_axes(times[kept], good),
+        "psi": packed_values(psi[kept]),
         "reference": reference,
         "headings": _numbers(rows[np.isfinite(rows).all(axis=1)]),
         "start": _numbers(np.array([axis[finite][0] for axis in place])),

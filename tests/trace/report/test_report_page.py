@@ -150,11 +150,38 @@ def test_a_page_fits_its_screen_and_bars_are_to_scale(
     assert name == "vehicle" or colours[:2] * 3 == colours
 
 
+def test_the_first_screen_answers_and_the_rest_is_folded(page: Page, reports: Reports) -> None:
+    """At 1400 x 900 verdict, key figures and path need no scrolling; the whole page 2,500 px."""
+    page.open(reports["vehicle"], width=1400)
+    ends = page.ask("""['.badge', '.bars', '.first .facts', '#plan', '#link-states'].map((part) =>
+        document.querySelector(part).getBoundingClientRect().bottom)""")
+    assert max(ends) <= 900
+    assert page.ask("document.documentElement.scrollHeight") <= 2500
+    # a link to what is folded unfolds it
+    page.ask("location.hash = '#provenance'")
+    page.ask("new Promise((done) => setTimeout(done, 300))")
+    assert page.ask("document.querySelector('#provenance details').open")
+
+
+def test_all_of_it_is_printed(page: Page, reports: Reports) -> None:
+    """Printing unfolds every part and draws its charts; afterwards all is as it was."""
+    page.open(reports["paper"])
+    folded = "[...document.querySelectorAll('details')].filter((part) => !part.open).length"
+    before = page.ask(folded)
+    assert before > 2
+    page.ask("window.dispatchEvent(new Event('beforeprint'))")
+    assert page.ask(folded) == 0
+    assert page.ask(DRAWN) == []
+    page.ask("window.dispatchEvent(new Event('afterprint'))")
+    assert page.ask(folded) == before
+
+
 @pytest.mark.slow
 def test_long_words_squeeze_no_column(page: Page, reports: Reports) -> None:
     """What proves a figure is read beside it, however long the figure is; numbers stay whole."""
     for width in (1300, 390):
         page.open(reports["outages"], width=width, scheme="light")
+        page.ask("document.querySelectorAll('details').forEach((part) => { part.open = true; })")
         cells = "[...document.querySelectorAll('.facts tr')].map((row) => row.lastElementChild)"
         widths = page.ask(f"{cells}.map((cell) => cell.getBoundingClientRect().width)")
         assert len(widths) > 8
@@ -189,7 +216,9 @@ def test_all_time_axes_move_together(page: Page, reports: Reports) -> None:
     page.open(reports["vehicle"])
     charts = page.ask("document.querySelectorAll('[data-chart]').length")
     settled = "new Promise((done) => setTimeout(done, 500))"
-    page.ask("""Plotly.relayout(document.querySelectorAll('[data-chart]')[3],
+    page.ask("document.querySelector('#vehicle details').open = true")
+    page.ask(settled)
+    page.ask("""Plotly.relayout([...document.querySelectorAll('#vehicle [data-chart]')][3],
         {'xaxis.range[0]': 10, 'xaxis.range[1]': 20}).then(() => true)""")
     page.ask(settled)
     ranges = page.ask(RANGES)
@@ -249,6 +278,8 @@ def test_path_is_drawn_without_webgl(tmp_path: Path, reports: Reports) -> None:
     """A browser that cannot draw in space shows the path from one side."""
     with browser(tmp_path / "profile", "--disable-3d-apis") as page:
         page.open(reports["vehicle"])
+        page.ask("document.querySelector('#vehicle details').open = true")
+        page.ask("new Promise((done) => setTimeout(done, 1500))")
         assert page.ask("document.getElementById('space').data.map((d) => d.type)[0]") == "scatter"
         assert page.ask("document.querySelectorAll('#space .scatterlayer path').length") > 0
         assert page.errors == []

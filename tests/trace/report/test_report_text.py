@@ -159,6 +159,73 @@ def test_cause_of_a_failed_run_is_at_the_top(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("light")
+def test_outages_are_shaded_in_every_chart_over_time(tmp_path: Path) -> None:
+    """From where the scenario begins one to where it ends it; and in words, link by link."""
+    page = report_of(found("outage").trace, tmp_path)
+    assert page.figures["spans"] == [["outage", 2.0, 4.0]]
+    words_wanted = "uplink: outage 2 to 4 s; downlink: outage 2 to 4 s"
+    assert f"Shaded in all charts over time: {words_wanted}." in page.words
+    assert report_of(found("finished").trace, tmp_path).figures["spans"] == []
+
+
+@pytest.mark.usefixtures("light")
+def test_losses_in_a_row_are_shaded(tmp_path: Path) -> None:
+    """From the first to after the last of three messages or more that did not arrive."""
+    path = trace_of("burst-loss")
+    trace, wanted = Trace(path), []
+    for link in trace.link_names:
+        dropped = trace.read(f"/link/{link}/dropped")
+        lost = dropped.log_time_ns[[reason == "lost" for reason in dropped["reason"]]]
+        came = trace.read(f"/link/{link}").log_time_ns
+        events = sorted([*((t, True) for t in lost), *((t, False) for t in came)])
+        since: list[int] = []
+        for t, missed in events:
+            if missed:
+                since.append(t)
+                continue
+            if len(since) >= 3:
+                wanted.append((link, since[0] / 1e9, t / 1e9))
+            since = []
+        if len(since) >= 3:
+            wanted.append((link, since[0] / 1e9, max(t for t, _ in events) / 1e9))
+    assert len(wanted) > 3
+    figures = report_of(path, tmp_path).figures
+    found_spans = [
+        (link["name"], begin, end) for link in figures["links"] for _, begin, end in link["spans"]
+    ]
+    last = figures["span"][1]
+    assert [s for s in found_spans if s[2] != last] == [s for s in wanted if s[2] < last][
+        : len([s for s in found_spans if s[2] != last])
+    ]
+    assert len(found_spans) == len(wanted)
+
+
+@pytest.mark.usefixtures("light")
+def test_every_axis_has_a_name_and_its_unit(tmp_path: Path) -> None:
+    """Time in seconds, and each quantity in the unit of its signals."""
+    page = report_of(trace_of("auv-acoustic"), tmp_path)
+    for key, chart in page.charts.items():
+        layout = page.figures["charts"][key]["layout"]
+        assert layout["xaxis"]["title"]["text"] == "time t [s]"
+        assert layout["yaxis"]["title"]["text"].endswith(f" [{chart.unit}]" if chart.unit else "")
+        assert len(layout["yaxis"]["title"]["text"]) > len(chart.unit) + 3
+    assert (
+        page.figures["charts"]["plant-eta.x"]["layout"]["yaxis"]["title"]["text"] == "North x [m]"
+    )
+
+
+@pytest.mark.usefixtures("light")
+@pytest.mark.parametrize("name", ["outage", "refused"])
+def test_the_first_line_is_that_of_the_run(name: str, tmp_path: Path) -> None:
+    """Scenario, how it ended, how long it took: the line that `cosim run` prints first."""
+    line, _, _ = " ".join(found(name).summary.split()).partition(" communication steps")
+    head = (
+        report_of(found(name).trace, tmp_path).words.replace("\u2022 ", "").replace("\u2717 ", "")
+    )
+    assert f"{line} communication steps" in head
+
+
+@pytest.mark.usefixtures("light")
 def test_a_trace_without_events_does_not_say_that_nothing_happened(tmp_path: Path) -> None:
     """One of an older version lists none, though commands stood at their limits."""
     old = Path(__file__).parents[3] / "traces" / "reference" / "auv-acoustic-naive.mcap"
