@@ -91,7 +91,7 @@ class ReportPage:
     Attributes
     ----------
     text : all of it; `words` : those of it.
-    tone, status, why : of the verdict on top.
+    tone, status, why : of the verdict on top; `why` : its first line, and the reason below it.
     figures : what its script draws: `span`, `paths`, and `charts` by key, as plotly takes them.
     charts : those over time, by key, in their order.
     """
@@ -104,8 +104,10 @@ class ReportPage:
         )
         assert badge is not None
         self.tone, self.status = badge[1], html.unescape(badge[2].strip())
+        answer = re.search(r'<p class="answer \w+">(.*?)</p>', self.text, re.DOTALL)
         reason = re.search(r'<p class="reason \w+">(.*?)</p>', self.text, re.DOTALL)
-        self.why = "" if reason is None else html.unescape(reason[1])
+        why = (words(each[1]) for each in (answer, reason) if each is not None)
+        self.why = " ".join(why)
         packed = re.search(r'id="figures">([^<]*)<', self.text)
         assert packed is not None
         self.figures: dict[str, Any] = json.loads(gzip.decompress(base64.b64decode(packed[1])))

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Group
+from rich.text import Text
 
 from cosim import scenario, study as studies
 from cosim.cli.arguments import names, numbers
@@ -36,14 +37,16 @@ from cosim.cli.study_view import (
     finished_view,
     merged_line,
     merged_view,
+    rare_line,
     rare_view,
     sensitivity_line,
     sensitivity_view,
     show_commands,
+    stopped_line,
     stopped_view,
     study_report_view,
-    summary_line,
     summary_view,
+    unfinished,
 )
 from cosim.cli.terminal import titles_table, typed
 from cosim.core import InputError, LossError, StoppedError, check_output
@@ -387,9 +390,16 @@ def show(
             help="Axes of the picture. A: a curve; A,B: a map; A,per,B: a curve per value of B."
         ),
     ] = None,
+    details: Annotated[
+        bool,
+        typer.Option("--details", help="Show every metric of every group, with its intervals."),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Summarise a study: shares and means with confidence intervals, per group; and draw it.
+    """Say what a study found of what was asked, with shares and means per group; and draw it.
+
+    Intervals are of runs that are drawn from one distribution; values of a grid were chosen, and
+    runs of several of them together have none.
 
     For a study that is not finished, the summary covers the runs that are done. Of a study with
     `stop` it says what was reached, of one with `rare` the probability.
@@ -432,14 +442,30 @@ def show(
     if event is not None:
         runs = {"runs": whole.num_rows, "complete": rare is not None}
         data["rare"] = event | runs | ({} if rare is None else rare.to_json(confidence))
-    parts = [] if stopped is None else [stopped_view(stopped)]
-    parts += [] if event is None else [rare_view(event, rare, whole.num_rows, confidence)]
+    columns = studies.columns_of(table, manifest)
+    answers, pooling = studies.answers_of(columns, confidence), studies.pooling_words(columns)
+    data |= {"answers": answers, "pooling": pooling}
+
+    def view() -> Group:
+        first = [] if stopped is None else [stopped_view(stopped)]
+        first += [] if event is None else [rare_view(event, rare, whole.num_rows)]
+        drawn = [] if picture is None else [Text(f"picture: {picture}")]
+        rest = answers if first else answers[1:]
+        shown = summary_view(found, edge, answers=answers, pooling=pooling, details=details)
+        return Group(*first, *map(Text, rest), Text(found.title, "dim"), *drawn, shown)
+
+    line = answers[0] if answers else "no run has a value"
+    if stopped is not None:
+        line = stopped_line(stopped)
+    elif event is not None:
+        line = rare_line(event, rare, confidence)
+    more = () if details else (typed("study show", path, "--details"),)
     answer(
         as_json,
         lambda: data,
-        lambda: Group(summary_view(found, edge, picture), *parts),
-        line=summary_line(found),
-        then=(typed("study report", path),),
+        view,
+        line=f"{line}{unfinished(found)}",
+        then=(typed("study report", path), *more),
     )
 
 

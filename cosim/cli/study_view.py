@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from cosim.cli.terminal import NONE, facts, number, table, typed
+from cosim.cli.terminal import NONE, console, facts, number, table, typed
 from cosim.study import (
     Boundary,
     Group as RunGroup,
@@ -115,23 +114,34 @@ def merged_view(found: MergedStudy) -> RenderableType:
     return Group(*parts)
 
 
-def summary_line(found: Summary) -> str:
-    """Say of what study the summary is, and of how many runs."""
-    of = "" if found.runs == found.count else f" of {found.count}: the study is not finished"
-    return f"{found.title}: {found.runs} runs{of}"
+def unfinished(found: Summary) -> str:
+    """Say how many runs of a study are done, if not all are."""
+    done = found.runs == found.count
+    return "" if done else f" ({found.runs} of {found.count} runs: the study is not finished)"
 
 
-def summary_view(found: Summary, edge: Boundary | None, picture: Path | None) -> RenderableType:
-    """Show shares and means per group, and the stability boundary."""
-    head = Text(
-        f"intervals: {100 * found.confidence:g} %, shares Wilson, means {found.method}", "dim"
-    )
-    parts: list[RenderableType] = [head]
-    parts += [_all_runs(found.groups[0])] if not found.by else [_per_group(found)]
+def summary_view(
+    found: Summary,
+    edge: Boundary | None,
+    *,
+    answers: Sequence[str],
+    pooling: str,
+    details: bool = False,
+) -> RenderableType:
+    """Show shares and means per group, and the stability boundary.
+
+    answers, pooling : as from `answers_of` and `pooling_words`.
+    details : every metric of every group with its intervals, however wide that is.
+    """
+    methods = f"{100 * found.confidence:g} %, shares Wilson, means {found.method}"
+    intervals = "" if _without(found) else f" Intervals: {methods}."
+    parts: list[RenderableType] = [Text(f"{found.runs} runs. {pooling}{intervals}", "dim")]
+    if not found.by:
+        parts.append(_all_runs(found.groups[0], details=details))
+    else:
+        parts += [_per_group(found)] if details else _narrow(found, answers)
     if edge is not None:
         parts.append(_boundary(edge))
-    if picture is not None:
-        parts.append(Text(f"picture: {picture}"))
     return Group(*parts)
 
 
@@ -140,6 +150,64 @@ def sensitivity_line(found: Sensitivity) -> str:
     axis = max(found.total, key=lambda each: found.total[each].value)
     share = found.total[axis].value
     return f"{found.metric}: most of its variance comes with {axis} ({share:.2f}, with others)"
+def _without(found: Summary) -> bool:
+    """Whether nothing in a summary has an interval."""
+    return not any(
+        one.low is not None and one.low != one.high
+        for group in found.groups
+        for one in (*group.shares.values(), *group.numbers.values())
+    )
+
+
+_VALUE = "mean or share"
+_MOST_LINES = 40
+_GAP = 2
+"""Spaces between the columns of a table."""
+
+
+def _narrow(found: Summary, answers: Sequence[str]) -> list[RenderableType]:
+    """Return a table of as many metrics as fit on the terminal: those of the answers first."""
+    asked = [line.partition(": ")[0] for line in answers]
+    names = list(dict.fromkeys(n for g in found.groups for n in (*g.shares, *g.numbers)))
+    plain_end = "status = finished"
+    chosen = [*(n for n in asked if n in names), *(n for n in names if n not in asked)]
+    chosen = [name for name in chosen if name != plain_end]
+    columns = {
+        **{axis: [_value(g.where[axis]) for g in found.groups] for axis in found.by},
+        "runs": [str(g.runs) for g in found.groups],
+    }
+    left_out, room = [], console().width + _GAP - sum(map(_width, columns.items()))
+    for name in chosen:
+        column = name, [_short(group, name) for group in found.groups]
+        if (width := _width(column)) <= room:
+            columns[name] = column[1]
+            room -= width
+        else:
+            left_out.append(name)
+    headings = (f">{'*' if name in found.by else ''}{name}" for name in columns)
+    rows = list(zip(*columns.values(), strict=True))
+    parts: list[RenderableType] = [table(headings, rows[:_MOST_LINES])]
+    more = [f"{len(rows) - _MOST_LINES} more rows"] if len(rows) > _MOST_LINES else []
+    if more or left_out:
+        words = ", ".join([*more, *left_out])
+        parts.append(Text(f"not shown: {words} (--details, --json)", style="dim"))
+    return parts
+
+
+def _width(column: tuple[str, Sequence[str]]) -> int:
+    """Return how wide a column of a table is, with the space after it."""
+    return max(map(len, (column[0], *column[1]))) + _GAP
+
+
+def _short(group: RunGroup, name: str) -> str:
+    """Return a share as numbers of runs, or a mean."""
+    if name in group.shares:
+        found = group.shares[name]
+        if found.of == 1:
+            return "yes" if found.count else "no"
+        return f"{found.count} of {found.of}"
+    mean = group.numbers.get(name)
+    return NONE if mean is None else number(mean.mean, 4)
 
 
 def sensitivity_view(found: Sensitivity) -> RenderableType:
@@ -168,31 +236,54 @@ def study_report_view(written: StudyReport) -> RenderableType:
     return Group(*parts)
 
 
-def stopped_view(found: Stopping) -> RenderableType:
-    """Show what a study that stops at a width has reached, and after how many runs."""
+def stopped_line(found: Stopping) -> str:
+    """Say what a study that stops at a width has reached."""
     word = "as narrow as asked for" if found.reached else "wider than asked for"
-    missing = f", {found.missing} without a value" if found.missing else ""
-    what = (
+    return (
         f"{found.metric}: {found.value:.4g} [{found.low:.4g}, {found.high:.4g}], "
         f"{found.high - found.low:.3g} wide: {word}, {found.width:g}"
     )
+
+
+def stopped_view(found: Stopping) -> RenderableType:
+    """Show after how many runs a study stopped, or that it did not."""
+    missing = f", {found.missing} without a value" if found.missing else ""
     how = (
         f"{'stopped after' if found.reached else 'after'} {found.runs} of at most {found.most} "
         f"runs{missing}; look {len(found.looks)}, at {100 * found.look_confidence:.4g} % each, so "
         f"that all looks together have {100 * found.confidence:g} %"
     )
-    return Text(f"{what}\n{how}", style="" if found.reached else "yellow")
+    return Text(how, style="" if found.reached else "yellow")
+
+
+def rare_line(event: Mapping[str, Any], found: RareEstimate | None, confidence: float) -> str:
+    """Say how probable a rare event is."""
+    name = _event(event)
+    if found is None:
+        return f"{name}: not finished"
+    if found.probability is None or found.deviation is None:
+        return f"{name}: no estimate; {found.reason}"
+    low, high = found.interval(confidence)
+    return (
+        f"{name} = {found.probability:.3g} [{low:.3g}, {high:.3g}], coefficient of variation "
+        f"{found.deviation:.2g}"
+    )
+
+
+def _event(event: Mapping[str, Any]) -> str:
+    over = event.get("above") is not None
+    bound = event["above"] if over else event["below"]
+    return f"P({event['metric']} {'>' if over else '<'} {bound:g})"
 
 
 def rare_view(
-    event: Mapping[str, Any], found: RareEstimate | None, runs: int, confidence: float
+    event: Mapping[str, Any], found: RareEstimate | None, runs: int
 ) -> RenderableType:
-    """Show the probability of a rare event, and the levels on the way to it."""
+    """Show the levels on the way to a rare event."""
     over = event.get("above") is not None
     bound = event["above"] if over else event["below"]
-    name = f"P({event['metric']} {'>' if over else '<'} {bound:g})"
     if found is None:
-        return Text(f"the summary is of the first level\n{name}: not finished, {runs} runs")
+        return Text(f"the summary is of the first level, {runs} runs so far")
     rows = (
         (
             str(place),
@@ -204,15 +295,6 @@ def rare_view(
         )
         for place, level in enumerate(found.levels, 1)
     )
-    if found.probability is None or found.deviation is None:
-        answer = Text(f"{name}: no estimate; {found.reason}", style="yellow")
-    else:
-        low, high = found.interval(confidence)
-        answer = Text(
-            f"{name} = {found.probability:.3g} [{low:.3g}, {high:.3g}], coefficient of variation "
-            f"{found.deviation:.2g}",
-            style="bold",
-        )
     method = event.get("method", "subset")
     if method == "importance":
         effective = "" if found.effective is None else f", {found.effective:.4g} effective"
@@ -227,25 +309,39 @@ def rare_view(
     return Group(
         Text("the summary is of the first level, which has the distributions of the axes"),
         table(">level|>bound|>share beyond|>moves accepted|>correlation|>deviation", rows),
-        answer,
         *([Text(f"independent searches found {', '.join(searches)}")] if searches else []),
         Text(f"{how}; {runs} runs"),
     )
 
 
-def _all_runs(group: RunGroup) -> RenderableType:
-    rows: list[tuple[str, ...]] = [
-        (name, *_share(share), *[""] * 4, f"{share.count} of {share.of}")
-        for name, share in group.shares.items()
-    ]
+def _all_runs(group: RunGroup, *, details: bool) -> RenderableType:
+    """Return a table of the metrics of all runs; `details` : with spread and quantiles."""
+    rows: list[dict[str, str]] = []
+    for name, share in group.shares.items():
+        value, interval = _share(share)
+        count = f"{share.count} of {share.of}"
+        rows.append({"metric": name, _VALUE: value, "interval": interval, "runs": count})
     for name, found in group.numbers.items():
-        spread = (found.deviation, found.minimum, found.median, found.maximum)
+        value, interval = _mean(found)
+        ends = {"min": number(found.minimum, 4), "max": number(found.maximum, 4)}
+        spread = {"deviation": number(found.deviation, 4), "median": number(found.median, 4)}
         without = f", {found.missing} without" if found.missing else ""
-        values = (number(v, 4) for v in spread)
-        rows.append((name, *_mean(found), *values, f"{found.count}{without}"))
-        rows += ((f"  {100 * one.share:g} % below", *_quantile(one)) for one in found.quantiles)
-    columns = "metric|>mean or share|>interval|>deviation|>min|>median|>max|>runs"
-    return table(columns, rows)
+        runs = f"{found.count}{without}"
+        rows.append(
+            {"metric": name, _VALUE: value, "interval": interval, "runs": runs, **ends, **spread}
+        )
+        for one in found.quantiles:
+            value, interval = _quantile(one)
+            below = f"  {100 * one.share:g} % below"
+            rows.append({"metric": below, _VALUE: value, "interval": interval})
+    order = ["metric", _VALUE, "interval", "deviation", "min", "median", "max", "runs"]
+    shown = [
+        name
+        for name in order
+        if any(row.get(name) for row in rows) and (details or name not in ("deviation", "median"))
+    ]
+    headings = ["metric", *(f">{name}" for name in shown[1:])]
+    return table(headings, [[row.get(name, "") for name in shown] for row in rows])
 
 
 def _per_group(found: Summary) -> RenderableType:
@@ -266,7 +362,10 @@ def _per_group(found: Summary) -> RenderableType:
 
 
 def _share(found: Share) -> tuple[str, str]:
-    return f"{100 * found.share:.1f} %", f"[{100 * found.low:.1f}, {100 * found.high:.1f}]"
+    value = f"{100 * found.share:.1f} %"
+    if found.low is None or found.high is None:
+        return value, ""
+    return value, f"[{100 * found.low:.1f}, {100 * found.high:.1f}]"
 
 
 def _mean(found: Numbers) -> tuple[str, str]:
@@ -276,6 +375,8 @@ def _mean(found: Numbers) -> tuple[str, str]:
 
 
 def _quantile(found: Quantile) -> tuple[str, str]:
+    if found.low is None and found.high is None:
+        return number(found.value, 4), ""
     low, high = (NONE if end is None else f"{end:.4g}" for end in (found.low, found.high))
     return number(found.value, 4), f"[{low}, {high}]"
 

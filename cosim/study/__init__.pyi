@@ -1,3 +1,8 @@
+from .answer import (
+    answers_of as answers_of,
+    pooling_words as pooling_words,
+)
+from .columns import columns_of as columns_of
 from .execution import (
     StudyResult as StudyResult,
     execute_study as execute_study,

@@ -122,7 +122,7 @@ def _curve(axis: Any, frame: Any, x: str, per: str | None, *, truths: bool) -> N
 
 def _share(values: Any) -> tuple[float, float, float]:
     found = share(int(values.sum()), values.size)
-    return found.share, found.low, found.high
+    return found.share, found.low or 0.0, 1.0 if found.high is None else found.high
 
 
 def _mean(values: Any) -> tuple[float, float, float]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,13 +43,16 @@ class Group:
 
 @dataclass(frozen=True)
 class Share:
-    """Number and share of runs with a property, and an interval for its probability."""
+    """Number and share of runs with a property, and an interval for its probability.
+
+    low, high : None where the runs are of several points of a grid, or nothing is drawn.
+    """
 
     count: int
     of: int
     share: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,8 @@ class Quantile:
 class Numbers:
     """Statistics of a metric over runs; `missing` runs had no finite value.
 
-    low, high : interval for the mean; None for fewer than two values.
+    low, high : interval for the mean; None for fewer than two values, where the runs are of
+        several points of a grid, and where nothing is drawn.
     """
 
     count: int
@@ -93,6 +97,8 @@ class Summary:
     runs, count : number of runs in the table, and in the study.
     by : the axes that form the groups.
     method : method of the intervals of means.
+    mixed : grid axes of which groups have several values. These were chosen, not drawn: such
+        groups have no intervals, nor has a study in which nothing is drawn.
     """
 
     title: str
@@ -102,6 +108,7 @@ class Summary:
     confidence: float
     method: str
     groups: tuple[Group, ...]
+    mixed: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the object that `--json` prints."""
@@ -125,12 +132,12 @@ def summarise(
         >>> rates = {"components.lag.parameters.A[1,1]": [-1.0, -2.0]}
         >>> frame = sweep(lag, rates, {"x": "final.lag.x[1]"}, out="lags")
         >>> summary = summarise(*read_table("lags"))
-        >>> summary.runs, round(summary.groups[0].numbers["x"].maximum, 3)
-        (2, 0.368)
+        >>> summary.by, [round(group.numbers["x"].mean, 3) for group in summary.groups]
+        (('components.lag.parameters.A[1,1]',), [0.135, 0.368])
 
     Parameters
     ----------
-    by : axes to group by; None for the grid axes, if they give few groups of several runs.
+    by : axes to group by; None for the grid axes, if they give few groups.
     quantiles : shares of runs, such as 0.95, below whose values these are.
 
     Raises
@@ -150,6 +157,12 @@ def summarise(
         if name not in axes:
             raise InputError.unknown("axis", name, axes, where="by")
     chosen = list(by) if by is not None else _usual(study, frame)
+    mixed = tuple(
+        axis.column
+        for axis in study.vary
+        if isinstance(axis, GridAxis) and axis.column not in chosen and _varies(frame[axis.column])
+    )
+    drawn = not all(isinstance(axis, GridAxis) for axis in study.vary)
     groups = []
     if chosen:
         for key, part in frame.groupby(chosen, sort=True, dropna=False):
@@ -164,16 +177,31 @@ def summarise(
         by=tuple(chosen),
         confidence=confidence,
         method="bootstrap" if bootstrap else "t",
-        groups=tuple(groups),
+        groups=tuple(groups if drawn and not mixed else map(_without_intervals, groups)),
+        mixed=mixed,
     )
+
+
+def _varies(column: Any) -> bool:
+    return bool(column.nunique(dropna=False) > 1)
+
+
+def _without_intervals(group: Group) -> Group:
+    """Return a group without the intervals, which chosen values would make meaningless."""
+    none: dict[str, Any] = {"low": None, "high": None}
+    numbers = {
+        name: replace(found, **none, quantiles=tuple(replace(q, **none) for q in found.quantiles))
+        for name, found in group.numbers.items()
+    }
+    shares = {name: replace(found, **none) for name, found in group.shares.items()}
+    return replace(group, shares=shares, numbers=numbers)
 
 
 def _usual(study: Study, frame: Any) -> list[str]:
     grids = [axis.column for axis in study.vary if isinstance(axis, GridAxis)]
     if not grids:
         return []
-    groups = frame.groupby(grids, dropna=False).ngroups
-    return grids if groups <= _MOST_GROUPS and len(frame) > groups else []
+    return grids if frame.groupby(grids, dropna=False).ngroups <= _MOST_GROUPS else []
 
 
 class _Intervals(NamedTuple):

@@ -14,6 +14,7 @@ import numpy as np
 from cosim.core import InputError
 from cosim.fmu.export import DEFAULT_FLAVOUR
 from cosim.page import packed
+from cosim.study.answer import answers_of, point_of, pooling_words
 from cosim.study.association import Groups, cells_of, groups_of, rank_correlations
 from cosim.study.columns import Column, StudyColumns, columns_of
 from cosim.study.convergence import convergence_of
@@ -52,8 +53,8 @@ from cosim.study.stopping import Stopping
 from cosim.study.summary import Summary, summarise
 
 QUANTILES = (0.05, 0.5, 0.95)
-OPEN_METRICS = 4
-"""Metrics whose charts are not folded."""
+_MOST_POINTS_LISTED = 200
+"""Most points of a grid that a table lists."""
 _MOST_SCATTERS = (6, 4)
 """Most charts over an axis: in a study with few axes, and per metric in one with more."""
 _MOST_CORRELATED = 60
@@ -91,7 +92,9 @@ class StudyContent:
     columns : of the runs that have the distributions of the axes: all, but for a rare event.
     runs, count : number of runs in the table, and in the study.
     stopped, rare : what a study that stops at a width, or of a rare event, has found.
-    summary, groups : statistics of all runs; per group of the grid, None without groups.
+    answers : what was asked, a sentence per metric; pooling : over which runs that is.
+    summary, points : statistics of all runs; per point of the grid, None without a grid or of
+        too many points.
     sensitivity : charts, and why there are none where axes were made for them.
     worst : None without a metric to rank by.
     """
@@ -114,8 +117,10 @@ class StudyContent:
     correlations_asked: list[tuple[str, str]]
     boundary: Boundary | None
     stability: Chart | None
+    answers: list[str]
+    pooling: str
     summary: Summary
-    groups: Summary | None
+    points: Summary | None
     metrics: list[MetricPart]
     sensitivity: list[Chart]
     not_sensitive: list[str]
@@ -162,7 +167,11 @@ def content_of(
     table, manifest = plain_sample(table, manifest)
     columns = columns_of(table, manifest)
     summary = summarise(table, manifest, [], confidence=confidence, quantiles=QUANTILES)
-    grouped = summarise(table, manifest, confidence=confidence) if columns.grid else None
+    cells = point_of(columns)
+    points = None
+    if cells is not None and cells.size and int(cells.max()) < _MOST_POINTS_LISTED:
+        grid = [axis.name for axis in columns.grid]
+        points = summarise(table, manifest, grid, confidence=confidence)
     ranked = {m.name: _ranked(columns, m, confidence) for m in columns.metrics.values()}
     worst = worst_runs(every, {name: [a for a, _ in axes] for name, axes in ranked.items()})
     edge = boundary(table, manifest) if columns.runs.size else None
@@ -195,8 +204,10 @@ def content_of(
         correlations_asked=correlations_asked(columns),
         boundary=edge,
         stability=None if edge is None else stability_chart(columns, edge),
+        answers=answers_of(columns, confidence) if columns.runs.size else [],
+        pooling=pooling_words(columns) if columns.runs.size else "",
         summary=summary,
-        groups=grouped if grouped is not None and grouped.by else None,
+        points=points,
         metrics=[
             _part(columns, number, metric, ranked[metric.name], confidence)
             for number, metric in enumerate(columns.metrics.values())
@@ -318,7 +329,8 @@ def _metric_charts(
     if not metric.known.any():
         return
     yield distribution_chart(f"{key}-distribution", metric, distribution_of(metric))
-    settled = convergence_of(columns, metric, confidence)
+    # over a grid it would be the interval of a mean over values that were chosen
+    settled = None if columns.grid else convergence_of(columns, metric, confidence)
     if settled is not None and settled.draws[-1] >= _FEWEST_DRAWS:
         yield convergence_chart(f"{key}-convergence", metric, settled, confidence)
     pair = heat_axes(columns, [axis for axis, _ in ranked] or list(columns.axes.values()))

@@ -8,7 +8,7 @@ from typing import Any
 
 from cosim.page import render_page, write_page
 from cosim.study.folder import MANIFEST, RESULTS, read_rows
-from cosim.study.report.content import OPEN_METRICS, StudyContent, content_of, figures, thinned
+from cosim.study.report.content import StudyContent, content_of, figures, thinned
 from cosim.study.report.provenance import provenance_of
 from cosim.study.report.worst_runs import COUNTS
 from cosim.study.table import read_table
@@ -112,7 +112,6 @@ def study_page(content: StudyContent) -> str:
         study=content.columns.study,
         drawn_points=len(thinned(content.columns)),
         worst_counts=COUNTS,
-        open_metrics=OPEN_METRICS,
         status_names=[f"status = {one.status}" for one in content.statuses],
         provenance=provenance_of(content.manifest),
     )

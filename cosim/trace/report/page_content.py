@@ -98,8 +98,19 @@ class Content:
     left_out: list[tuple[str, str]]
 
     @property
+    def answer(self) -> str:
+        """How the run ended, against what was asked: the first line of every view of it."""
+        return verdict.ended_of(self.info).what
+
+    @property
+    def explained(self) -> str:
+        """What the answer does not say of why the run ended so."""
+        first, _, rest = self.status.why.partition("\n")
+        return rest if first.rstrip() in self.answer else self.status.why
+
+    @property
     def duration(self) -> str:
-        """How long the run was, as in the first line of `cosim run`; "" where that is unknown."""
+        """How long the run was; "" where that is unknown."""
         run = self.outcome
         if run.simulated_s is None:
             return ""
