@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -150,6 +151,8 @@ def sensitivity_line(found: Sensitivity) -> str:
     axis = max(found.total, key=lambda each: found.total[each].value)
     share = found.total[axis].value
     return f"{found.metric}: most of its variance comes with {axis} ({share:.2f}, with others)"
+
+
 def _without(found: Summary) -> bool:
     """Whether nothing in a summary has an interval."""
     return not any(
@@ -276,9 +279,7 @@ def _event(event: Mapping[str, Any]) -> str:
     return f"P({event['metric']} {'>' if over else '<'} {bound:g})"
 
 
-def rare_view(
-    event: Mapping[str, Any], found: RareEstimate | None, runs: int
-) -> RenderableType:
+def rare_view(event: Mapping[str, Any], found: RareEstimate | None, runs: int) -> RenderableType:
     """Show the levels on the way to a rare event."""
     over = event.get("above") is not None
     bound = event["above"] if over else event["below"]
