@@ -155,11 +155,12 @@ def sensitivity_line(found: Sensitivity) -> str:
 
 def _without(found: Summary) -> bool:
     """Whether nothing in a summary has an interval."""
-    return not any(
-        one.low is not None and one.low != one.high
-        for group in found.groups
-        for one in (*group.shares.values(), *group.numbers.values())
-    )
+    for group in found.groups:
+        kinds = list(group.shares.values()), list(group.numbers.values())
+        ends = [(one.low, one.high) for kind in kinds for one in kind]
+        if any(low is not None and low != high for low, high in ends):
+            return False
+    return True
 
 
 _VALUE = "mean or share"

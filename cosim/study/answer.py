@@ -89,7 +89,7 @@ def _met_at_points(columns: StudyColumns, metric: Column, cells: Integers) -> st
     words = {2: "in all runs", 1: "in some", 0: "in none"}
     if number.max() <= 1:
         words = {2: "yes", 1: "", 0: "no"}
-    parts = []
+    parts: list[str] = []
     for kind, word in words.items():
         chosen = known & (fate == kind)
         if count := int(chosen.sum()):

@@ -16,8 +16,7 @@ from cosim.trace.tables.table import Table
 from cosim.trace.tables.traffic import loop_age
 
 _COLOURS = ("#0b6e99", "#d1495b", "#5f7a3d", "#8a5a9e")
-_FORCES = ("force.x", "force.y", "force.z", "moment.z")
-_ROWS = 4
+_STYLE = {"font.size": 12, "axes.grid": True, "grid.alpha": 0.3}
 
 
 @dataclass(frozen=True)
@@ -37,9 +36,10 @@ class LabelledTrace:
 
 
 def compare_runs(runs: Sequence[LabelledTrace], target: Path) -> Path:
-    """Draw several runs of a vehicle in one picture: path, states, commands, measurement age.
+    """Draw several runs of a vehicle in one picture: path, distance from it, measurement age.
 
-    Of runs with an observer also the error of its estimate of the position.
+    The distance is that of the estimate from the true position, of runs with an observer; of
+    others that of the vehicle from its reference.
 
     Parameters
     ----------
@@ -52,40 +52,21 @@ def compare_runs(runs: Sequence[LabelledTrace], target: Path) -> Path:
     """
     plt = pyplot()
     found = [_RunRows(run) for run in runs]
-    observed = any(rows.estimated is not None for rows in found)
-    with plt.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
-        figure = plt.figure(figsize=(13, 8.2), layout="constrained")
-        left, middle, right = figure.add_gridspec(1, 3, width_ratios=(1.15, 1, 1))
-        heights = (2.2, 1, 1) if observed else (3, 1)
-        own = [
-            figure.add_subplot(g) for g in left.subgridspec(len(heights), 1, height_ratios=heights)
-        ]
-        panels = _Panels(
-            path=own[0],
-            error=own[1] if observed else None,
-            age=own[-1],
-            states=[figure.add_subplot(g) for g in middle.subgridspec(_ROWS, 1)],
-            commands=[figure.add_subplot(g) for g in right.subgridspec(len(found[0].commands), 1)],
-        )
+    with plt.rc_context(_STYLE):
+        figure = plt.figure(figsize=(12, 6.4), layout="constrained")
+        left, right = figure.add_gridspec(1, 2, width_ratios=(1, 1.15))
+        path = figure.add_subplot(left)
+        distance, age = (figure.add_subplot(each) for each in right.subgridspec(2, 1))
         # the first run is the main one: it is drawn last, on top
         for place, rows in reversed(list(enumerate(found))):
-            style = {"color": _COLOURS[place], "lw": 1.4 if place == 0 else 0.8}
-            _draw(rows, style, panels)
-        _label_axes(panels, found)
+            style = {"color": _COLOURS[place], "lw": 2.0 if place == 0 else 1.2}
+            _draw_path(path, rows, style)
+            _draw_distance(distance, rows, style)
+            _draw_age(age, rows, style)
+        _label_axes(path, distance, age, found)
         save_picture(figure, target)
         plt.close(figure)
     return target
-
-
-@dataclass(frozen=True)
-class _Panels:
-    """The axes of a picture; `error` where there is an observer."""
-
-    path: Any
-    error: Any | None
-    age: Any
-    states: list[Any]
-    commands: list[Any]
 
 
 class _RunRows:
@@ -104,7 +85,6 @@ class _RunRows:
                 )
         self.plant = trace.read("/plant/output")
         self.command = trace.read("/controller/output")
-        self.received = trace.read("/plant/input")
         into = trace.read("/controller/input") if "/controller/input" in trace.topics else None
         self.links = [trace.delivered(link) for link in trace.link_names]
         self.seconds = self.plant.log_time_ns / 1e9
@@ -117,9 +97,6 @@ class _RunRows:
         )
         self.reference = _columns(into, references)
         self.estimated = _columns(self.command, [f"estimate[{i}]" for i in places])
-        driven = [n for n in self.received.columns if n.startswith(("thruster.", "fin."))]
-        forces = _FORCES[0] in self.received.columns
-        self.commands = list(_FORCES) if forces else driven[:_ROWS]
 
     def age(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Return times and age [s] of the measurement behind the command.
@@ -136,13 +113,14 @@ class _RunRows:
         t, age = loop_age(up, down, self.plant.log_time_ns, self.step_ns)
         return t / 1e9, age
 
-    def error(self) -> NDArray[np.float64] | None:
-        """Return the distance of the estimated position from the true one [m]."""
-        if self.estimated is None:
+    def distance(self) -> NDArray[np.float64] | None:
+        """Return the distance of the estimate, else of the reference, from the position [m]."""
+        other = self.reference if self.estimated is None else self.estimated
+        if other is None or len(other[0]) != self.controlled.size:
             return None
         true = (np.interp(self.controlled, self.seconds, self.plant[n]) for n in ("eta.x", "eta.y"))
         found: NDArray[np.float64] = np.hypot(
-            *(own - other for own, other in zip(self.estimated, true, strict=True))
+            *(each - own for each, own in zip(other, true, strict=True))
         )
         return found
 
@@ -158,58 +136,44 @@ def _columns(table: Table | None, names: Sequence[str]) -> list[NDArray[np.float
     return [np.asarray(table[name], dtype=np.float64) for name in names]
 
 
-def _draw(f: _RunRows, style: dict[str, Any], panels: _Panels) -> None:
-    path = panels.path
-    path.plot(f.plant["eta.y"], f.plant["eta.x"], label=f.label, **style)
-    path.plot(f.plant["eta.y"][0], f.plant["eta.x"][0], "o", color=style["color"], ms=5)
-    if f.reference is not None:
-        path.plot(f.reference[1], f.reference[0], "--", color="#555", lw=0.8)
-    for axis, name in zip(panels.states, ("eta.x", "eta.y", "eta.z", "eta.psi"), strict=True):
-        axis.plot(f.seconds, f.plant[name], **style)
-    for axis, name in zip(panels.commands, f.commands, strict=False):
-        axis.step(f.received.log_time_ns / 1e9, f.received[name] / 1e3, where="post", **style)
-    error = f.error()
-    if error is not None and panels.error is not None:
-        panels.error.plot(f.controlled, error, **style)
-    sawtooth = f.age()
+def _draw_path(axis: Any, rows: _RunRows, style: dict[str, Any]) -> None:
+    north, east = rows.plant["eta.x"], rows.plant["eta.y"]
+    if rows.reference is not None:
+        axis.plot(rows.reference[1], rows.reference[0], "--", color="#555", lw=1.2)
+    axis.plot(east, north, label=rows.label, **style)
+    axis.plot(east[0], north[0], "o", color=style["color"], ms=7)
+    axis.plot(east[-1], north[-1], "s", color=style["color"], ms=7)
+
+
+def _draw_distance(axis: Any, rows: _RunRows, style: dict[str, Any]) -> None:
+    distance = rows.distance()
+    if distance is not None:
+        axis.plot(rows.controlled, distance, **style)
+
+
+def _draw_age(axis: Any, rows: _RunRows, style: dict[str, Any]) -> None:
+    sawtooth, colour = rows.age(), style["color"]
     if sawtooth is not None:
-        panels.age.plot(*sawtooth, color=style["color"], lw=0.5)
-    if f.limit is not None:
-        colour = style["color"]
-        panels.age.axhline(f.limit, color=colour, lw=1.2, ls=":")
-        panels.age.text(
-            0, f.limit, f" {f.label}: designed for", va="bottom", fontsize=8, color=colour
-        )
+        axis.plot(*sawtooth, color=colour, lw=0.8)
+    if rows.limit is not None:
+        axis.axhline(rows.limit, color=colour, lw=1.6, ls=":")
+        words = f" {rows.label}: proved up to {rows.limit:.3g} s"
+        axis.text(0, rows.limit, words, va="bottom", fontsize=11, color=colour)
 
 
-def _label_axes(panels: _Panels, runs: Sequence[_RunRows]) -> None:
-    path, age, error = panels.path, panels.age, panels.error
-    title = "Path (dots: start, dashed: reference)"
-    path.set(xlabel="east y [m]", ylabel="north x [m]", title=title)
-    path.plot(0, 0, "k+", ms=12, mew=1.5)
+def _label_axes(path: Any, distance: Any, age: Any, runs: Sequence[_RunRows]) -> None:
+    path.set(xlabel="east y [m]", ylabel="north x [m]")
+    path.set_title("Path (circle: start, square: end)", fontsize=12)
     path.set_aspect("equal", adjustable="datalim")
     path.legend(loc="best")
-    pose = ("north x [m]", "east y [m]", "depth z [m]", "heading ψ [rad]")
-    for axis, label in zip(panels.states, pose, strict=True):
-        axis.set_ylabel(label)
-    for axis, name in zip(panels.commands, runs[0].commands, strict=True):
-        axis.set_ylabel(_COMMANDS.get(name, f"{name.partition('.')[2]} [kN]"))
-    panels.states[0].set_title("Position and heading")
-    panels.commands[0].set_title("Thrust as the vehicle receives it")
-    for axis in (*panels.states[:-1], *panels.commands[:-1]):
-        axis.tick_params(labelbottom=False)
-    for axis in (panels.states[-1], panels.commands[-1], age):
-        axis.set_xlabel("time [s]")
-    age.set(ylabel="age [s]", title="Age of the measurement behind the command")
-    limits = [f.limit for f in runs if f.limit is not None]
+    observed = any(rows.estimated is not None for rows in runs)
+    what = "estimated position" if observed else "position"
+    distance.set(ylabel="distance [m]", ylim=(0, None))
+    of = "the true one" if observed else "the reference"
+    distance.set_title(f"Distance of the {what} from {of}", fontsize=12)
+    distance.tick_params(labelbottom=False)
+    age.set(xlabel="time [s]", ylabel="age [s]")
+    age.set_title("Age of the measurement behind the command", fontsize=12)
+    limits = [rows.limit for rows in runs if rows.limit is not None]
     if limits:
         age.set_ylim(0, max(limits) * 1.25)
-    if error is not None:
-        error.set(ylabel="error [m]", title="Error of the estimated position", ylim=(0, None))
-        error.tick_params(labelbottom=False)
-
-
-_COMMANDS = {
-    **dict(zip(_FORCES, ("surge [kN]", "sway [kN]", "heave [kN]", "yaw [kN m]"), strict=True)),
-    "thruster.yaw": "yaw [kN m]",
-}
