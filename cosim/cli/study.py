@@ -442,6 +442,7 @@ def show(
     if event is not None:
         runs = {"runs": whole.num_rows, "complete": rare is not None}
         data["rare"] = event | runs | ({} if rare is None else rare.to_json(confidence))
+    details = details or quantiles is not None
     columns = studies.columns_of(table, manifest)
     answers, pooling = studies.answers_of(columns, confidence), studies.pooling_words(columns)
     data |= {"answers": answers, "pooling": pooling}

@@ -7,7 +7,7 @@ every statistic and picture treats them alike.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -33,12 +33,19 @@ class Column:
     ----------
     kind : "number"; "truth", whose values are 1 and 0; "text", whose values count in `words`.
     values : (n,), NaN where a run has none.
+    unit : "" where it is not known, as of a study of an earlier version.
     """
 
     name: str
     kind: Literal["number", "truth", "text"]
     values: Reals
     words: tuple[str, ...] = ()
+    unit: str = ""
+
+    @property
+    def title(self) -> str:
+        """Name and unit, for the axis of a chart."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     @cached_property
     def known(self) -> NDArray[np.bool_]:
@@ -121,6 +128,12 @@ def columns_of(table: Any, manifest: dict[str, Any]) -> StudyColumns:
     study = Study.model_validate(manifest["study"])
     points = Points(study)
     runs = np.array(table.column("run").to_pylist(), np.int64)
+    units = manifest.get("units", {})
+
+    def column(name: str, *, truths: bool = False) -> Column:
+        found = column_of(name, _cells(table, name), truths=truths)
+        return replace(found, unit=units.get(name, "")) if found.kind == "number" else found
+
     return StudyColumns(
         study=study,
         points=points,
@@ -128,11 +141,9 @@ def columns_of(table: Any, manifest: dict[str, Any]) -> StudyColumns:
         runs=runs,
         statuses=tuple(table.column("status").to_pylist()),
         reasons=tuple(table.column("reason").to_pylist()),
-        axes={
-            axis.column: column_of(axis.column, _cells(table, axis.column)) for axis in study.vary
-        },
+        axes={axis.column: column(axis.column) for axis in study.vary},
         metrics={
-            name: column_of(name, _cells(table, name), truths=study.metrics[name].asks)
+            name: column(name, truths=study.metrics[name].asks)
             for name in table.column_names  # in the order of the file; that of the manifest is lost
             if name in study.metrics
         },

@@ -22,4 +22,5 @@ def manifest_of(plan: Plan) -> dict[str, Any]:
         "flavour": job.base.flavour,
         "seeds": {"samples": job.study.seed, "run": job.base.scenario.run.seed},
         "versions": software(),
+        "units": plan.units,
     }

@@ -26,6 +26,7 @@ from cosim.study.points import Points
 from cosim.study.rare_study import ESTIMATOR
 from cosim.study.schema import Axis, GridAxis, SampledAxis, Study
 from cosim.study.study_runner import BaseScenario, StudyRunner
+from cosim.study.units import units_of
 from cosim.study.varied import check_parameter
 
 TRIAL_S = 600.0
@@ -49,11 +50,13 @@ class Plan:
     job : the job for workers.
     runner : the runner of this process.
     content : what the results depend on, by parts.
+    units : of the axes and metrics that have one, by name.
     """
 
     job: Job
     runner: StudyRunner
     content: dict[str, Any]
+    units: dict[str, str]
 
     @property
     def hashes(self) -> dict[str, str]:
@@ -133,7 +136,7 @@ def make_plan(study: Study, base: BaseScenario, place: Place = nowhere) -> Plan:
         content["design"] = hashlib.sha256(design_content(part.file, base.folder)[1]).hexdigest()
     digest = part_hash(content)
     digits = len(str(runner.points.most - 1))
-    return Plan(Job(study, base, hashes, digest, digits), runner, content)
+    return Plan(Job(study, base, hashes, digest, digits), runner, content, units_of(study, fmus))
 
 
 def trial_run(plan: Plan, runs: range, traces: Path | None = None) -> tuple[Row | None, float]:

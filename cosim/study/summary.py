@@ -45,7 +45,7 @@ class Group:
 class Share:
     """Number and share of runs with a property, and an interval for its probability.
 
-    low, high : None where the runs are of several points of a grid, or nothing is drawn.
+    low, high : None for one run, and where the runs are of several points of a grid.
     """
 
     count: int
@@ -72,8 +72,8 @@ class Quantile:
 class Numbers:
     """Statistics of a metric over runs; `missing` runs had no finite value.
 
-    low, high : interval for the mean; None for fewer than two values, where the runs are of
-        several points of a grid, and where nothing is drawn.
+    low, high : interval for the mean; None for fewer than two values, and where the runs are of
+        several points of a grid.
     """
 
     count: int
@@ -98,7 +98,7 @@ class Summary:
     by : the axes that form the groups.
     method : method of the intervals of means.
     mixed : grid axes of which groups have several values. These were chosen, not drawn: such
-        groups have no intervals, nor has a study in which nothing is drawn.
+        groups have no intervals, nor has a single run.
     """
 
     title: str
@@ -162,7 +162,6 @@ def summarise(
         for axis in study.vary
         if isinstance(axis, GridAxis) and axis.column not in chosen and _varies(frame[axis.column])
     )
-    drawn = not all(isinstance(axis, GridAxis) for axis in study.vary)
     groups = []
     if chosen:
         for key, part in frame.groupby(chosen, sort=True, dropna=False):
@@ -177,7 +176,9 @@ def summarise(
         by=tuple(chosen),
         confidence=confidence,
         method="bootstrap" if bootstrap else "t",
-        groups=tuple(groups if drawn and not mixed else map(_without_intervals, groups)),
+        groups=tuple(
+            _without_intervals(group) if mixed or group.runs == 1 else group for group in groups
+        ),
         mixed=mixed,
     )
 
@@ -187,7 +188,7 @@ def _varies(column: Any) -> bool:
 
 
 def _without_intervals(group: Group) -> Group:
-    """Return a group without the intervals, which chosen values would make meaningless."""
+    """Return a group without the intervals, which chosen values, or one run, make meaningless."""
     none: dict[str, Any] = {"low": None, "high": None}
     numbers = {
         name: replace(found, **none, quantiles=tuple(replace(q, **none) for q in found.quantiles))

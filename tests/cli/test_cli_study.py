@@ -157,5 +157,5 @@ def test_an_interruption_reports_what_is_kept_and_how_to_continue(
     assert stopped.error["got"] == "4 of 6 runs are done and kept"
     assert stopped.error["hint"] == "the same command continues"
     part = cosim("study", "show", "studies/follows", cwd=tmp_path)
-    assert "4 runs of 6: the study is not finished" in part.out
+    assert "(4 of 6 runs: the study is not finished)" in part.out
     assert cosim("study", "run", "follows.toml", "--json", cwd=tmp_path).json["executed"] == 2

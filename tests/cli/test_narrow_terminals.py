@@ -94,7 +94,7 @@ LINES = [
     "study report follows -o report.html",
     "study run follows.toml --out follows",
     "study sensitivity indices x",
-    "study show follows",
+    "study show follows --details",
     "study show follows --by u,seed --quantiles 0.05,0.95",
     "study show rare",
     "trace diff {aware} {naive}",
@@ -247,7 +247,7 @@ def test_one_message_has_no_interval(folder: Path) -> None:
 
 @pytest.mark.parametrize("width", [1, 2, 7, 15])
 def test_a_terminal_may_be_as_narrow_as_it_likes(width: int, folder: Path) -> None:
-    result = cosim("study", "show", "follows", cwd=folder, columns=width)
+    result = cosim("study", "show", "follows", "--details", cwd=folder, columns=width)
     assert result.code == 0
     if width > 2:
-        assert letters(printed("study show follows", WIDE, folder)) <= letters(result.out)
+        assert letters(printed("study show follows --details", WIDE, folder)) <= letters(result.out)

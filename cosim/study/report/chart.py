@@ -55,7 +55,7 @@ def distribution_chart(key: str, metric: Column, found: Distribution) -> Chart:
     """Draw how many runs have which values, with mean and median."""
     values = metric.values[metric.known]
     layout = {
-        "xaxis": {"title": plain(metric.name)},
+        "xaxis": {"title": plain(metric.title)},
         "yaxis": {"title": "runs", "rangemode": "tozero", "exponentformat": "none"},
     }
     if not found.edges.size:
@@ -112,7 +112,7 @@ def convergence_chart(key: str, metric: Column, found: Convergence, confidence: 
             "exponentformat": "none",
         },
         "yaxis": {
-            "title": f"share of {metric.name}" if share else f"mean of {metric.name}",
+            "title": plain(f"share of {metric.name}" if share else f"mean of {metric.title}"),
             "range": [low - margin, high + margin],
         },
     }
@@ -156,8 +156,8 @@ def scatter_chart(
         },
     ]
     layout = {
-        "xaxis": {"title": plain(axis.name), **_ticks(axis)},
-        "yaxis": {"title": plain(metric.name), **_span(metric), **_ticks(metric)},
+        "xaxis": {"title": plain(axis.title), **_ticks(axis)},
+        "yaxis": {"title": plain(metric.title), **_span(metric), **_ticks(metric)},
         "yaxis2": {"overlaying": "y", "range": [0, 1], "visible": False, "fixedrange": True},
     }
     words = "; ".join(
@@ -175,14 +175,15 @@ def map_chart(key: str, metric: Column, found: Cells) -> Chart:
     share = metric.kind == "truth"
     what = f"share of {metric.name}" if share else f"mean of {metric.name}"
     trace = _heat(found.names_x, found.names_y, found.values, "map") | {
+        "colorbar": {"title": {"text": plain("share" if share else metric.title), "side": "right"}},
         "hovertemplate": f"{plain(found.x.name)} %{{x}}, {plain(found.y.name)} %{{y}}: "
         "%{z:.5~g}<extra></extra>",
     }
     if share:
         trace |= {"zmin": 0.0, "zmax": 1.0}
     layout = {
-        "xaxis": {"title": plain(found.x.name), "type": "category"},
-        "yaxis": {"title": plain(found.y.name), "type": "category"},
+        "xaxis": {"title": plain(found.x.title), "type": "category"},
+        "yaxis": {"title": plain(found.y.title), "type": "category"},
     }
     known = found.values[np.isfinite(found.values)]
     words = f"from {known.min():.4g} to {known.max():.4g}" if known.size else "no values"

@@ -129,6 +129,16 @@ class StudyContent:
     worst_figures: dict[str, Any]
 
     @property
+    def lead(self) -> Chart | None:
+        """The chart of the first answer over the grid; None without, or beside the stability's."""
+        asked = self.answers[0].partition(": ")[0] if self.answers and self.columns.grid else ""
+        part = next((each for each in self.metrics if each.column.name == asked), None)
+        if part is None or self.stability is not None:
+            return None
+        over = [chart for chart in part.charts if "-map" in chart.key or "-over-" in chart.key]
+        return next(iter(over), None)
+
+    @property
     def charts(self) -> list[Chart]:
         """All charts with data of their own."""
         alone = [c for c in (self.stability, self.correlations) if c is not None]
@@ -242,6 +252,7 @@ def figures(content: StudyContent) -> dict[str, Any]:
             c.name: {
                 "values": packed(c.values[kept], _precision(c)),
                 "words": list(c.words) if c.kind == "text" else None,
+                "title": c.title,
             }
             for c in everything
         },

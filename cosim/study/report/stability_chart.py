@@ -64,7 +64,7 @@ def _over_delay(
         points = {"mode": "markers", "marker": {"size": 7, "symbol": symbol}}
         data.append(_curve(delay.values[kept], drawn.values[kept], role, name) | points)
     data += _margin(found, low, high)
-    return data, {"title": plain(drawn.name), "range": [low, high]}
+    return data, {"title": plain(drawn.title), "range": [low, high]}
 
 
 def _over_delay_and_loss(
@@ -82,7 +82,7 @@ def _over_delay_and_loss(
         settled = Column("", "number", np.where(stable.values == 1.0, gain.values, np.nan))
         _, _, values = _means(delay, loss, settled)
         heat = _cells(bx, by, np.where(share == 1.0, values, np.nan), "map")
-        title = {"text": plain(f"{part.gain}, mean"), "side": "right"}
+        title = {"text": plain(f"{gain.title}, mean"), "side": "right"}
         data.append(heat | {"colorbar": {"title": title}})
     unstable = np.where(share < 1.0, 1.0 - share, np.nan)
     data.append(

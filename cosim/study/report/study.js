@@ -90,7 +90,7 @@ drawPage(({ figures, theme, narrow, config, numbers, common, axis }) => {
       data: [points(0, "finished", "circle"), points(1, "flagged", "x"),
         points(3, "no result", "triangle-up-open"),
         { ...points("limit", "no value", "line-ns-open"), yaxis: "y2" }],
-      layout: { xaxis: { title: plain(x), ...ticks(columns[x]) }, yaxis: { title: plain(y), ...ticks(columns[y]) },
+      layout: { xaxis: { title: plain(columns[x].title), ...ticks(columns[x]) }, yaxis: { title: plain(columns[y].title), ...ticks(columns[y]) },
         yaxis2: { overlaying: "y", range: [0, 1], visible: false, fixedrange: true } },
     });
   };
