@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from cli.shell import cosim
-from study.pages import page_of, words
+from shared import fmu_store
+from study.pages import chart_about, page_of, words
 from study.studies_at_hand import study_folder
 
 from cosim.study import read_table, summarise
@@ -79,6 +80,37 @@ def test_draws_of_one_distribution_are_pooled(tmp_path: Path) -> None:
     assert "95 % interval" in found["answers"][0]
     text = words(page_of(study_folder("rare"), tmp_path / "rare.html"))
     assert "Pooled over 100 runs" in text
+
+
+UNITS = """
+title = "Two sea states, for a second"
+scenario = "auv-direct"
+set = { "run.end" = 1.0 }
+[[vary]]
+kind = "grid"
+name = "Hs"
+path = "components.sea.parameters.Hs"
+values = [0.5, 1.0]
+[metrics]
+error = { signal = ["plant.eta.x", "plant.eta.y"], reduce = "rms" }
+growth = { signal = "plant.nu.u", reduce = "growth_rate" }
+speed = "final.plant.nu.u"
+age = "metrics.message_age_s"
+small = { path = "final.plant.eta.x", below = 1.0 }
+"""
+
+
+def test_charts_have_the_units_of_the_fmus(tmp_path: Path) -> None:
+    """Axis and metrics have those of the variables that they are of; a truth has none."""
+    (tmp_path / "units.toml").write_text(UNITS)
+    fmus = str(fmu_store("native"))
+    done = cosim("study", "run", "units.toml", "--out", "units", "--fmus", fmus, cwd=tmp_path)
+    assert done.code == 0, done.err
+    found = read_table(tmp_path / "units")[1]["units"]
+    assert found == {"Hs": "m", "error": "m", "growth": "1/s", "speed": "m/s", "age": "s"}
+    html = page_of(tmp_path / "units", tmp_path / "units.html")
+    for metric in ("error [m]", "speed [m/s]", "small"):
+        assert chart_about(html, metric, "Hs [m]")["data"]
 
 
 @pytest.mark.parametrize("name", ["mixed", "few", "rare"])
