@@ -113,8 +113,8 @@ def _compared(outcome: Outcome) -> list[tuple[str, str]]:
     """Return rows of (figure and how it was obtained, value) that runs are compared by."""
     ages = outcome.metrics.get("measurement_ages") or {}
     own = {f"oldest {name} used" for name in ages}
-    shown = outcomes.key_figures(outcome.metrics)
-    rows = [(f"{what}, {how}", value) for what, value, how in shown if what not in own]
+    listed = outcomes.key_figures(outcome.metrics)
+    rows = [(f"{what}, {how}", value) for what, value, how in listed if what not in own]
     for name, age in ages.items():
         most = None if age["measured"] is None else age["measured"]["greatest_s"]
         rows.append((f"oldest {name} used, measured", number(most, 4, "s")))

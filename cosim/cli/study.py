@@ -452,8 +452,8 @@ def show(
         first += [] if event is None else [rare_view(event, rare, whole.num_rows)]
         drawn = [] if picture is None else [Text(f"picture: {picture}")]
         rest = answers if first else answers[1:]
-        shown = summary_view(found, edge, answers=answers, pooling=pooling, details=details)
-        return Group(*first, *map(Text, rest), Text(found.title, "dim"), *drawn, shown)
+        rest_of_it = summary_view(found, edge, answers=answers, pooling=pooling, details=details)
+        return Group(*first, *map(Text, rest), Text(found.title, "dim"), *drawn, rest_of_it)
 
     line = answers[0] if answers else "no run has a value"
     if stopped is not None:

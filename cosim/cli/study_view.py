@@ -337,13 +337,13 @@ def _all_runs(group: RunGroup, *, details: bool) -> RenderableType:
             below = f"  {100 * one.share:g} % below"
             rows.append({"metric": below, _VALUE: value, "interval": interval})
     order = ["metric", _VALUE, "interval", "deviation", "min", "median", "max", "runs"]
-    shown = [
+    present = [
         name
         for name in order
         if any(row.get(name) for row in rows) and (details or name not in ("deviation", "median"))
     ]
-    headings = ["metric", *(f">{name}" for name in shown[1:])]
-    return table(headings, [[row.get(name, "") for name in shown] for row in rows])
+    headings = ["metric", *(f">{name}" for name in present[1:])]
+    return table(headings, [[row.get(name, "") for name in present] for row in rows])
 
 
 def _per_group(found: Summary) -> RenderableType:

@@ -15,7 +15,7 @@ from study.studies_at_hand import study_folder
 from cosim.study import read_table, summarise
 
 
-def shown(name: str, *options: str) -> Any:
+def summary_of(name: str, *options: str) -> Any:
     """What `cosim study show` says of a study, as JSON."""
     return cosim("study", "show", str(study_folder(name)), "--json", *options, cwd=Path()).json
 
@@ -33,7 +33,7 @@ def test_points_are_counted_by_what_their_runs_did() -> None:
     }
     parts = [f"{word} at {n}" for word, n in counts.items() if n]
     parts[0] += f" of {len(fates)} points"
-    found = shown("mixed")
+    found = summary_of("mixed")
     assert found["answer"] == found["answers"][0] == f"small: {', '.join(parts)}"
     assert found["pooling"].startswith("6 points with 8 draws each.")
 
@@ -43,7 +43,7 @@ def test_one_run_per_point_is_met_or_not(tmp_path: Path) -> None:
     rows = read_table(study_folder("few"))[0].to_pylist()
     small = [row["u"] for row in rows if row["small"]]
     assert small == [10.0, 50.0, 100.0]
-    found = shown("few")
+    found = summary_of("few")
     assert found["answers"] == ["small: yes at 3 of 3 points (u 10 to 100)"]
     text = words(page_of(study_folder("few"), tmp_path / "few.html"))
     assert text.index("yes at 3 of 3 points (u 10 to 100)") < text.index("How the runs ended")
@@ -75,7 +75,7 @@ def test_chosen_values_are_not_pooled(tmp_path: Path) -> None:
 
 def test_draws_of_one_distribution_are_pooled(tmp_path: Path) -> None:
     """Without a grid the share has its interval, and the page says over how many runs."""
-    found = shown("rare")
+    found = summary_of("rare")
     assert found["pooling"] == "Pooled over 100 runs: all are draws from one distribution."
     assert "95 % interval" in found["answers"][0]
     text = words(page_of(study_folder("rare"), tmp_path / "rare.html"))
@@ -124,7 +124,7 @@ def test_the_table_fits_a_terminal(name: str) -> None:
     assert all(len(line) <= 80 for line in lines[4:])
     if name == "rare":
         return
-    groups = shown(name)["groups"]
+    groups = summary_of(name)["groups"]
     axes = list(groups[0]["where"])
     head = next(k for k, line in enumerate(lines) if line.split()[: len(axes)] == axes)
     for line, group in zip(lines[head + 1 :], groups, strict=False):

@@ -10,10 +10,6 @@ from .feedback_age import (
     age_lines as age_lines,
     measurement_age_lines as measurement_age_lines,
 )
-from .key_figures import (
-    duration_words as duration_words,
-    key_figures as key_figures,
-)
 from .outages import (
     outage_rows as outage_rows,
     outage_verdict as outage_verdict,
@@ -25,6 +21,10 @@ from .run_events import (
     EventCount as EventCount,
     EventKind as EventKind,
     RunEvent as RunEvent,
+)
+from .run_figures import (
+    duration_words as duration_words,
+    key_figures as key_figures,
 )
 from .run_outcome import outcome_of as outcome_of
 from .verdict import (

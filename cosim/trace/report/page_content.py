@@ -12,7 +12,7 @@ import numpy as np
 from cosim.page import LARGEST
 from cosim.trace.info import description_of
 from cosim.trace.outcome import duration_words, key_figures, verdict
-from cosim.trace.outcome.key_figures import ABSENT
+from cosim.trace.outcome.run_figures import ABSENT
 from cosim.trace.outcome.run_outcome import RunOutcome, outcome_of
 from cosim.trace.reader import Trace
 from cosim.trace.report import generic, link_spans, traffic_rows, vehicle

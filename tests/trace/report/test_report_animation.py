@@ -72,14 +72,14 @@ def test_links_say_what_they_deliver(page: Page, outage: Path) -> None:
     assert page.ask(STATES) == ["waiting"] * 2
     for t in (1.0, 3.0, 5.0, 7.7):
         page.ask(AT.format(t))
-        shown = page.ask(TIME)  # the slider has steps
+        now = page.ask(TIME)  # the slider has steps
         wanted = []
         for link in trace.link_names:
             times = [
                 trace.read(topic).log_time_ns / 1e9
                 for topic in (f"/link/{link}", f"/link/{link}/dropped")
             ]
-            came, lost = (max(each[each <= shown], default=-1.0) for each in times)
+            came, lost = (max(each[each <= now], default=-1.0) for each in times)
             wanted.append("delivered" if came >= lost else "dropped")
         assert page.ask(STATES) == (["outage"] * 2 if t == 3.0 else wanted)
 

@@ -218,9 +218,11 @@ def test_every_axis_has_a_name_and_its_unit(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["outage", "refused"])
 def test_the_first_line_is_that_of_the_run(name: str, tmp_path: Path) -> None:
     """How it ended, why, and what it may claim: the line that `cosim run` prints first."""
-    said = " ".join(found(name).summary.partition("next:")[0].split())
+    line = " ".join(found(name).summary.partition("next:")[0].split())
     page_text = report_of(found(name).trace, tmp_path).words
-    assert said in page_text.replace("\u2022 ", "").replace("\u2717 ", "")
+    assert line in page_text.replace(" ;", ";").replace(" :", ":").replace("\u2022 ", "").replace(
+        "\u2717 ", ""
+    )
 
 
 @pytest.mark.usefixtures("light")
