@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -18,17 +19,26 @@ from cosim.cli.common import (
 from cosim.cli.help_text import HelpTyper
 from cosim.cli.link_fit_view import fit_json, fit_line, fit_view
 from cosim.cli.link_verdict_view import verdict_json, verdict_line, verdict_view
-from cosim.cli.link_view import record_json, record_view, show_json, show_line, show_view
+from cosim.cli.link_view import (
+    read_json,
+    read_lines,
+    read_view,
+    record_json,
+    show_json,
+    show_view,
+)
+from cosim.cli.log_options import option_words, with_log_options
 from cosim.cli.terminal import typed
 from cosim.core import CheckFailedError, InputError, counted
-from cosim.network import Recording
+from cosim.network import LogFormat, Recording
 
 link_app = HelpTyper(
     help="Record links from traces; show what became of messages; fit models; judge by a proof."
 )
 
 FileArgument = Annotated[
-    Path, typer.Argument(help="A CSV or Parquet file of messages, a trace, or another MCAP file.")
+    Path,
+    typer.Argument(help="A log of messages (text or Parquet), a trace, or another MCAP file."),
 ]
 NodeOption = Annotated[
     str | None, typer.Option("--node", help="Only this link of a file with several.")
@@ -42,8 +52,9 @@ PictureOption = Annotated[
 
 
 @link_app.command()
+@with_log_options
 def record(
-    file: Annotated[Path, typer.Argument(help="A trace, or another MCAP file.")],
+    file: FileArgument,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="CSV file to write.", callback=output_file)
     ],
@@ -51,24 +62,26 @@ def record(
         str | None, typer.Option("--link", help="Only this link (default: every packet link).")
     ] = None,
     as_json: JsonOption = False,
+    *,
+    log_format: LogFormat,
 ) -> None:
     """Write what became of each message of a link: sent, delivered or lost.
 
-    The CSV file is one that `recording` of a link replays. In an MCAP file that is no trace of a
-    run, the topics are links: publish time is sending, log time arrival, and a gap in the sequence
-    numbers is a loss.
+    The CSV file is one that `recording` of a link replays, in seconds. In an MCAP file that is no
+    trace of a run, the topics are links: publish time is sending, log time arrival, and a gap in
+    the sequence numbers is a loss. A log may be written in any way that the options below say.
 
     \b
     cosim link record traces/auv-acoustic.mcap --link uplink -o uplink.csv
+    cosim link record modem.log --unit ms -o uplink.csv
     """
-    found = recordings.read_recordings(file)
-    if link is not None:
-        found = {link: recordings.read_recording(file, link)}
+    read = read_logs(file, link, log_format)
+    found = _recordings(read)
     recordings.write_recordings(out, found)
     answer(
         as_json,
-        lambda: record_json(file, out, found),
-        lambda: record_view(found),
+        lambda: record_json(file, out, read),
+        lambda: read_view(file, read),
         line=f"written: {out}, {counted(len(found), 'link')}",
         tone="good",
         then=(typed("link show", out), typed("link fit", out)),
@@ -76,32 +89,42 @@ def record(
 
 
 @link_app.command()
+@with_log_options
 def show(
     file: FileArgument,
     node: NodeOption = None,
     picture: PictureOption = None,
     as_json: JsonOption = False,
+    *,
+    log_format: LogFormat,
 ) -> None:
     """Show what a recorded link was like: losses, their runs, delays, ages and outages.
 
+    The first line says what was read; what looks wrong in it is asked about on standard error.
+
     \b
     cosim link show uplink.csv
+    cosim link show modem.log --sent tx_time --received rx_time --unit ms
     cosim link show traces/auv-acoustic.mcap --node uplink --picture uplink.png
     """
-    found = chosen(file, node, picture)
+    if picture is not None:
+        core.pyplot()
+    read = read_logs(file, node, log_format)
+    found = _recordings(read)
     if picture is not None:
         recordings.draw_recordings(found, picture)
     described = {name: recordings.statistics_of(each) for name, each in found.items()}
     answer(
         as_json,
-        lambda: show_json(file, described, picture),
+        lambda: show_json(file, described, picture) | read_json(read),
         lambda: show_view(file, described, picture),
-        line=show_line(file, described),
-        then=(typed("link fit", file),),
+        line="; ".join(read_lines(file, read)),
+        then=(typed("link fit", file, *option_words(log_format)),),
     )
 
 
 @link_app.command()
+@with_log_options
 def fit(
     file: FileArgument,
     node: NodeOption = None,
@@ -118,6 +141,8 @@ def fit(
         int, typer.Option(help="Hidden states of the largest chain that is tried, from 2.")
     ] = 3,
     as_json: JsonOption = False,
+    *,
+    log_format: LogFormat,
 ) -> None:
     """Fit the models of a link to what was recorded, and say whether one fits.
 
@@ -132,11 +157,12 @@ def fit(
 
     \b
     cosim link fit uplink.csv
+    cosim link fit modem.log --unit ms
     cosim link fit traces/auv-acoustic.mcap --node uplink --states 3 -o link.toml
     """
-    read, found = chosen(file, node, None), {}
+    read, found = read_logs(file, node, log_format), {}
     with progress() as report_progress:
-        for number, (each, recording) in enumerate(read.items()):
+        for number, (each, recording) in enumerate(_recordings(read).items()):
             report_progress("fitting", number / len(read))
             found[each or name] = recordings.fit_link(recording, states)
     if out is not None:
@@ -145,8 +171,8 @@ def fit(
     refused = any(each.refusals for each in found.values())
     answer(
         as_json,
-        lambda: fit_json(file, found, out),
-        lambda: fit_view(found, out),
+        lambda: fit_json(file, found, out) | read_json(read),
+        lambda: read_view(file, read, fit_view(found, out)),
         line=fit_line(found),
         tone="bad" if refused else "good",
     )
@@ -155,6 +181,7 @@ def fit(
 
 
 @link_app.command()
+@with_log_options
 def verdict(
     file: FileArgument,
     design: Annotated[
@@ -169,6 +196,8 @@ def verdict(
     ] = 0.0,
     node: NodeOption = None,
     as_json: JsonOption = False,
+    *,
+    log_format: LogFormat,
 ) -> None:
     """Say what a proof across outages guarantees over a recorded link.
 
@@ -182,18 +211,18 @@ def verdict(
     \b
     cosim link verdict uplink.csv --design gain.json --other 0.1
     """
-    read = chosen(file, node, None)
+    read = read_logs(file, node, log_format)
     proved = certified(design)
     found = {}
     with progress() as report_progress:
-        for number, (name, recording) in enumerate(read.items()):
+        for number, (name, recording) in enumerate(_recordings(read).items()):
             report_progress("judging", number / len(read))
             found[name] = recordings.outage_verdict(recording, proved, other)
     holds = all(each.holds for each in found.values())
     answer(
         as_json,
-        lambda: verdict_json(file, design, found),
-        lambda: verdict_view(file, found),
+        lambda: verdict_json(file, design, found) | read_json(read),
+        lambda: read_view(file, read, verdict_view(file, found)),
         line=verdict_line(file, found),
         tone="good" if holds else "bad",
     )
@@ -221,18 +250,23 @@ def certified(path: Path) -> hinf.Result:
     return found
 
 
-def chosen(file: Path, node: str | None, picture: Path | None) -> dict[str, Recording]:
-    """Return the recordings of a file, or of one node; refuse a picture that cannot be drawn.
+def read_logs(
+    file: Path, node: str | None, log_format: LogFormat
+) -> dict[str, recordings.ReadRecording]:
+    """Return the recordings of a file, or of one node; ask about what looks wrong.
 
     Raises
     ------
-    InputError : as `read_recordings`, an unknown node, or no matplotlib for the picture.
+    InputError : as `read_recordings`, or an unknown node.
     """
-    if picture is not None:
-        core.pyplot()
-    found = recordings.read_recordings(file)
+    found = recordings.read_log(file, log_format)
     if node is not None:
-        if node not in found:
-            raise InputError.unknown("node", node, [n for n in found if n], where=str(file))
-        found = {node: found[node]}
+        name, read = recordings.one_of(found, file, node)
+        found = {name: read}
+    for name, read in found.items():
+        read.plausibility.ask(file, name)
     return found
+
+
+def _recordings(read: Mapping[str, recordings.ReadRecording]) -> dict[str, Recording]:
+    return {name: each.recording for name, each in read.items()}

@@ -12,16 +12,33 @@ from rich.text import Text
 
 from cosim.cli.terminal import NONE, facts, number, plain, table
 from cosim.core import counted
-from cosim.network import Recording
-from cosim.recordings import OUTAGE, LinkStatistics
+from cosim.recordings import OUTAGE, LinkStatistics, ReadRecording
 
 _MOST_LINES = 5
 _BINS = ((1, 1), (2, 2), (3, 5), (6, 10), (11, 30), (31, 100), (101, None))
 """Lengths of runs that share a column of the table."""
 
 
-def record_json(file: Path, out: Path, found: Mapping[str, Recording]) -> dict[str, Any]:
+def read_json(read: Mapping[str, ReadRecording]) -> dict[str, Any]:
+    """Return what was read as plain JSON values, and what looks wrong in it."""
+    return {"read": {name: each.plausibility.to_json() for name, each in read.items()}}
+
+
+def read_lines(file: Path, read: Mapping[str, ReadRecording]) -> list[str]:
+    """Say of each link in one line what was read."""
+    return [f"{name or file}: {each.plausibility.line}" for name, each in read.items()]
+
+
+def read_view(
+    file: Path, read: Mapping[str, ReadRecording], *then: RenderableType
+) -> RenderableType:
+    """Show what was read of each link, and then the rest."""
+    return Group(*map(plain, read_lines(file, read)), *then)
+
+
+def record_json(file: Path, out: Path, read: Mapping[str, ReadRecording]) -> dict[str, Any]:
     """Return what was written as plain JSON values."""
+    found = {name: each.recording for name, each in read.items()}
     return {
         "file": str(file),
         "out": str(out),
@@ -29,17 +46,8 @@ def record_json(file: Path, out: Path, found: Mapping[str, Recording]) -> dict[s
             name: {"messages": len(each), "lost": int(each.lost.sum()), "sha256": each.sha256}
             for name, each in found.items()
         },
+        **read_json(read),
     }
-
-
-def record_view(found: Mapping[str, Recording]) -> RenderableType:
-    """Show how many messages of each link there were, and how many were lost."""
-    return Group(
-        *(
-            plain(f"{name}: {counted(len(each), 'message')}, {int(each.lost.sum())} lost")
-            for name, each in found.items()
-        )
-    )
 
 
 def show_json(
@@ -51,18 +59,6 @@ def show_json(
         "links": {name: asdict(each) for name, each in described.items()},
         "picture": None if picture is None else str(picture),
     }
-
-
-def show_line(file: Path, described: Mapping[str, LinkStatistics]) -> str:
-    """Say of each link how much was lost, and how late the rest was."""
-    return "; ".join(_in_short(name or str(file), each) for name, each in described.items())
-
-
-def _in_short(name: str, found: LinkStatistics) -> str:
-    late = "" if found.delay_s is None else f", delay {found.delay_s.median:.4g} s in the median"
-    outages = f", {counted(len(found.outages_s), 'outage')}" if found.outages_s else ""
-    count = counted(found.messages, "message")
-    return f"{name}: {_share(found.loss)} of {count} lost{late}{outages}"
 
 
 def show_view(

@@ -20,8 +20,10 @@ from .deliveries import (
 )
 from .delivery import Delivery as Delivery
 from .file_rows import (
+    Header as Header,
     Row as Row,
     no_rows as no_rows,
+    read_header as read_header,
     read_rows as read_rows,
 )
 from .impairment import (
@@ -39,8 +41,16 @@ from .keys import (
     ProbabilitiesKey as ProbabilitiesKey,
     ProbabilityKey as ProbabilityKey,
     TableKey as TableKey,
+    TextKey as TextKey,
     WordOrNumberKey as WordOrNumberKey,
     keys_of as keys_of,
+)
+from .log_format import (
+    UNIT_WORDS as UNIT_WORDS,
+    Delimiter as Delimiter,
+    LogFormat as LogFormat,
+    Unit as Unit,
+    unit_doubt as unit_doubt,
 )
 from .medium import (
     SPEED_OF_SOUND as SPEED_OF_SOUND,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
+from datetime import UTC, datetime, timedelta
 from decimal import ROUND_HALF_EVEN, Context, Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,45 +15,106 @@ from numpy.typing import NDArray
 
 from cosim.core import AnyPath, InputError, optional as optional_package
 from cosim.network.checks import MAX_NS
+from cosim.network.log_format import DELIMITERS, DIGITS, UNIT_WORDS, Delimiter, LogFormat, Unit
 
 _MAGIC = b"PAR1"
 _LONGEST = 64
 """Most characters of a number."""
 _EXACTLY = Context(prec=2 * _LONGEST, rounding=ROUND_HALF_EVEN)
 _LARGEST = Decimal(MAX_NS).scaleb(-9)
+_COMMAS = LogFormat(delimiter=",", decimal=".")
+"""How files are written that are no logs."""
+_BETWEEN = {"tab": "\t", "space": " "}
+"""Delimiters that are named -> what they are."""
+_ISO = re.compile(
+    r"(?P<day>\d{4}-?\d{2}-?\d{2})[T ]"
+    r"(?P<time>\d{2}:?\d{2}(?::?\d{2}(?:[.,](?P<part>\d+))?)?)\s*(?P<zone>Z|[+-][\d:]{2,6})?",
+    re.IGNORECASE,
+)
+"""A time of a day in ISO 8601."""
+_BEGIN = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+class Header(NamedTuple):
+    """The names of the columns of a file, their place, and what is between them."""
+
+    place: str
+    names: list[str]
+    delimiter: Delimiter
 
 
 class Row(NamedTuple):
-    """A row of a file: its place, and its cells in the columns wanted ("" where none)."""
+    """A row of a file: its place, and its cells in the columns wanted ("" where none).
+
+    `beyond` : cells that are not empty behind the last column. `decimal` : of numbers; None: "."
+    or ",", but one of them in the whole file. `seen` : what was seen of the file, and where.
+    """
 
     path: AnyPath
     place: str
     cells: dict[str, str]
+    beyond: int
+    decimal: str | None
+    seen: dict[str, str]
 
     def where(self, column: str) -> str:
         """Return the place of a cell, for messages."""
         return f"{self.path}, {self.place}, column {column}"
 
-    def nanoseconds(self, column: str, largest: Decimal = _LARGEST) -> int:
-        """Return a cell of decimal seconds in nanoseconds, to the nearest, ties to even.
+    def nanoseconds(
+        self,
+        column: str,
+        largest: Decimal = _LARGEST,
+        unit: Unit = "s",
+        hint: str = "times are in seconds and count from the start of the run",
+    ) -> int:
+        """Return a cell of a decimal time in nanoseconds, to the nearest, ties to even.
 
         Raises
         ------
-        InputError : no finite number, or one beyond `largest` seconds.
+        InputError : no finite number, or one beyond `largest` seconds, which `hint` helps.
         """
-        seconds, text = self._decimal(column, "seconds, as a decimal number"), self.cells[column]
-        if not seconds.is_finite() or seconds.copy_abs() > largest:
+        text = self.cells[column]
+        time = self._decimal(column, f"{UNIT_WORDS[unit]}, as a decimal number")
+        if not time.is_finite() or time.copy_abs() > largest.scaleb(9 - DIGITS[unit]):
             raise InputError(
                 "the time is out of range",
                 where=self.where(column),
                 expected=f"up to {largest:g} s",
-                got=text,
-                hint="times are in seconds and count from the start of the run",
+                got=text if unit == "s" else f"{text} {unit}",
+                hint=hint,
             )
         # far below a nanosecond the result is 0, but scaling would need many digits
-        if seconds.adjusted() < -_LONGEST:
+        if time.adjusted() < -_LONGEST:
             return 0
-        return int(_EXACTLY.to_integral_exact(_EXACTLY.scaleb(seconds, 9)))
+        return int(_EXACTLY.to_integral_exact(_EXACTLY.scaleb(time, DIGITS[unit])))
+
+    def iso_ns(self, column: str) -> int | None:
+        """Return a cell of a time in ISO 8601 [ns since 1970]; None where it is none.
+
+        Raises
+        ------
+        InputError : a time that does not exist, or with a zone where others have none.
+        """
+        text = self.cells[column]
+        found = _ISO.fullmatch(text)
+        if found is None or len(text) > _LONGEST:
+            return None
+        part, zone = found["part"] or "", found["zone"] or ""
+        clock = found["time"][: -1 - len(part)] if part else found["time"]
+        try:
+            instant = datetime.fromisoformat(f"{found['day']}T{clock}{zone.upper() or 'Z'}")
+        except ValueError as error:
+            raise InputError(
+                "this time does not exist",
+                where=self.where(column),
+                expected="a time in ISO 8601, as 2024-05-01T12:00:00.250+02:00",
+                got=text,
+            ) from error
+        self._only("times with a zone", "times without a zone", column, bool(zone))
+        whole = (instant - _BEGIN) // timedelta(microseconds=1) * 1000
+        fraction = _EXACTLY.scaleb(Decimal(f"0.{part or 0}"), 9)
+        return whole + int(_EXACTLY.to_integral_exact(fraction))
 
     def number(self, column: str, what: str) -> float:
         """Return a cell as a number; `InputError` if it is none, or not finite."""
@@ -67,15 +130,66 @@ class Row(NamedTuple):
 
     def _decimal(self, column: str, expected: str) -> Decimal:
         text = self.cells[column]
+        plain = text if len(text) <= _LONGEST else ""
+        comma = "," in plain and self.decimal != "."
+        if comma or self.decimal == ",":
+            plain = plain.replace(",", ".", 1) if "." not in plain else ""
         try:
-            return Decimal(text if len(text) <= _LONGEST else "")
+            found = Decimal(plain)
         except InvalidOperation as error:
             raise InputError(
                 "this is not a number",
                 where=self.where(column),
-                expected=expected,
+                expected=expected + (", with a decimal comma" if self.decimal == "," else ""),
                 got=repr(text[:_LONGEST]) if text else "nothing",
             ) from error
+        if self.decimal is None and "." in plain:
+            self._only("decimal commas", "decimal points", column, comma)
+        return found
+
+    def _only(self, one: str, other: str, column: str, is_one: bool) -> None:  # noqa: FBT001
+        """Raise `InputError` where a file has both of two ways to write a thing."""
+        now, before = (one, other) if is_one else (other, one)
+        self.seen.setdefault(now, f"{self.place}, column {column}")
+        if before in self.seen:
+            raise InputError(
+                f"the file has {one} and {other}",
+                where=self.where(column),
+                expected=f"{before}, as in {self.seen[before]}",
+                got=self.cells[column],
+                hint="write all of them in one way",
+            )
+
+
+def read_header(
+    path: AnyPath, fitness: Callable[[list[str]], float], delimiter: Delimiter | None = None
+) -> Header:
+    """Return the header of a file, and the delimiter by which its names have the most `fitness`.
+
+    Of two that are as fit, that of more names, or the first of `DELIMITERS`.
+
+    Raises
+    ------
+    InputError : a file that cannot be read, or has no line.
+    """
+    if _is_parquet(Path(path)):
+        place, names = next(_rows(Path(path), ()))
+        return Header(place, names, ",")
+    best: tuple[tuple[float, int], Header] | None = None
+    refused: InputError | None = None
+    for tried in (delimiter,) if delimiter is not None else DELIMITERS:
+        try:
+            place, cells = next(_lines(Path(path), tried), ("line 1", []))
+        except InputError as error:
+            refused = refused or error
+            continue
+        names = [cell.strip() for cell in cells]
+        rank = fitness(names), len(names)
+        if best is None or rank > best[0]:
+            best = rank, Header(place, names, tried)
+    if best is None:
+        raise refused or _missing(path, "line 1", "sent", [])
+    return best[1]
 
 
 def read_rows(
@@ -84,14 +198,16 @@ def read_rows(
     optional: Sequence[str] = (),
     *,
     whole: bool = False,
+    written: LogFormat = _COMMAS,
 ) -> Iterator[Row]:
     """Read a file: a header line, then a row for each line; `optional` may be absent.
 
-    CSV is UTF-8, separated by commas. Empty lines, and lines that begin with #, are skipped. In
-    Parquet the columns have the names of the header; null and NaN are empty cells. Each `Row` has
-    a cell for each wanted column that the file has.
+    CSV is UTF-8. Empty lines, and lines that begin with #, are skipped. In Parquet the columns
+    have the names of the header; null and NaN are empty cells. Each `Row` has a cell for each
+    wanted column that the file has.
 
     whole : each line has to have as many cells as the header.
+    written : its delimiter (None: by which the header has the required columns) and its decimal.
 
     Raises
     ------
@@ -99,9 +215,12 @@ def read_rows(
         file without pyarrow.
     """
     wanted = (*required, *optional)
-    lines = _rows(Path(path), wanted) if _is_parquet(Path(path)) else _lines(Path(path))
-    place, header = next(lines, ("line 1", []))
-    names = [name.strip() for name in header]
+    delimiter = written.delimiter or _delimiter(path, required)
+    is_parquet = _is_parquet(Path(path))
+    lines = _rows(Path(path), wanted) if is_parquet else _lines(Path(path), delimiter)
+    decimal = "." if written.decimal is None and delimiter == "," else written.decimal
+    place, first = next(lines, ("line 1", []))
+    names = [name.strip() for name in first]
     for name in required:
         if names.count(name) != 1:
             raise _missing(path, place, name, names)
@@ -109,8 +228,10 @@ def read_rows(
         if names.count(name) > 1:
             raise _missing(path, place, name, names)
     at = {name: names.index(name) for name in wanted if name in names}
+    seen: dict[str, str] = {}
     for place, cells in lines:
-        if whole and len(cells) != len(names):
+        beyond = 0 if is_parquet else sum(map(bool, cells[len(names) :]))
+        if (whole and len(cells) != len(names)) or (beyond and delimiter != ","):
             raise InputError(
                 "this line has not as many cells as the header",
                 where=f"{path}, {place}",
@@ -118,11 +239,17 @@ def read_rows(
                 got=str(len(cells)),
             )
         found = {n: cells[i].strip() if i < len(cells) else "" for n, i in at.items()}
-        yield Row(path, place, found)
+        yield Row(path, place, found, beyond, decimal, seen)
+
+
+def _delimiter(path: AnyPath, required: Sequence[str]) -> Delimiter:
+    """Return the delimiter by which the header has the most of these columns."""
+    header = read_header(path, lambda names: len({*names} & {*required}))
+    return header.delimiter if {*header.names} & {*required} else ","
 
 
 def read_columns(
-    path: AnyPath, time: str, delay: str
+    path: AnyPath, time: str, delay: str, written: LogFormat
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Read the columns of times and delays [ns], int64 (n,) each; times increase.
 
@@ -132,8 +259,8 @@ def read_columns(
     """
     times: list[int] = []
     delays: list[int] = []
-    for row in read_rows(path, (time, delay)):
-        found = [row.nanoseconds(name) for name in (time, delay)]
+    for row in read_rows(path, (time, delay), written=written):
+        found = [row.nanoseconds(name, unit=written.unit or "s") for name in (time, delay)]
         if times and found[0] <= times[-1]:
             raise InputError(
                 "the times of a delay profile do not increase",
@@ -203,11 +330,13 @@ def _cells(column: Any) -> list[str]:
     return ["" if v is None or v != v else str(v) for v in column.to_pylist()]  # noqa: PLR0124
 
 
-def _lines(path: Path) -> Iterator[tuple[str, list[str]]]:
+def _lines(path: Path, delimiter: Delimiter) -> Iterator[tuple[str, list[str]]]:
     """Yield the lines that are neither empty nor comments, with their numbers."""
+    between = _BETWEEN.get(delimiter, delimiter)
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file, strict=True)
+            lines = (" ".join(line.split()) for line in file) if between == " " else file
+            reader = csv.reader(lines, strict=True, delimiter=between)
             for row in reader:
                 if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#"):
                     yield f"line {reader.line_num}", row

@@ -165,6 +165,25 @@ class WordOrNumberKey(ChoiceKey):
 
 
 @dataclass(frozen=True)
+class TextKey(Key):
+    """A text that is not empty; with `several`, a tuple of such texts."""
+
+    several: bool = False
+
+    def check(self, where: str, name: str, value: Any) -> None:
+        """Check that it is such a text, or a tuple of them."""
+        texts = value if self.several else (value,)
+        if isinstance(texts, tuple) and all(isinstance(text, str) and text for text in texts):
+            return
+        raise InputError(
+            f"{name} is no text",
+            where=where + name,
+            expected="texts that are not empty" if self.several else "a text that is not empty",
+            got=repr(value),
+        )
+
+
+@dataclass(frozen=True)
 class TableKey(Key):
     """A table of further keys, those of the dataclass `of`."""
 

@@ -8,9 +8,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.core import AnyPath, InputError
+from cosim.core import AnyPath, InputError, say_once
 from cosim.network.checks import MAX_NS, check_choice
 from cosim.network.file_rows import read_columns
+from cosim.network.log_format import LogFormat, unit_doubt
 
 Interpolation = Literal["previous", "linear"]
 """What a recorded delay is between two samples."""
@@ -100,22 +101,45 @@ class DelayProfile:
         time: str = "time",
         delay: str = "delay",
         interpolation: Interpolation = "previous",
+        log_format: LogFormat | None = None,
     ) -> DelayProfile:
         """Read a profile from a CSV file: a header line, then a line for each sample.
 
+        A median delay of more than a minute is asked about on standard error.
+
         Parameters
         ----------
-        path : file, UTF-8, separated by commas. Empty lines, and lines that begin with #, are
-            skipped.
-        time, delay : names of the two columns that are read, both in seconds; decimal
-            fractions are read exactly and rounded to the nearest nanosecond.
+        path : file, UTF-8. Empty lines, and lines that begin with #, are skipped.
+        time, delay : names of the two columns that are read, both from the start of the run;
+            decimal fractions are read exactly and rounded to the nearest nanosecond.
+        log_format : delimiter, decimal and unit of the file; without it found, and seconds.
 
         Raises
         ------
         InputError : a file that cannot be read, a missing column, a bad value; the message
-            names file, line and column.
+            names file, line and column. Other keys of a format, which a profile does not have.
         """
-        return cls(*read_columns(path, time, delay), interpolation)
+        written = log_format or LogFormat()
+        alone = LogFormat(
+            delimiter=written.delimiter,
+            decimal=written.decimal,
+            unit=written.unit,
+            hints=written.hints,
+        )
+        if written != alone:
+            raise InputError(
+                "a delay over time has no messages",
+                where="format",
+                expected="delimiter, decimal and unit alone",
+                got="other keys beside them",
+                hint="time and delay name its columns; messages that were lost are of a recording",
+            )
+        profile = cls(*read_columns(path, time, delay, written), interpolation)
+        median_s = float(np.median(profile.delays_ns)) / 1e9
+        doubt = unit_doubt(median_s, written.unit or "s", written)
+        if doubt is not None:
+            say_once(f"{path}: {doubt}")
+        return profile
 
     def delay_ns(self, at_ns: ArrayLike) -> NDArray[np.int64]:
         """Return the delay at each instant [ns], in the shape of `at_ns`."""

@@ -11,9 +11,13 @@ from .link_verdict import (
 )
 from .loss_fit import LossModel as LossModel
 from .picture import draw_recordings as draw_recordings
+from .plausibility import Plausibility as Plausibility
 from .range_fit import RangeDependence as RangeDependence
 from .reading import (
     MOST_ROWS as MOST_ROWS,
+    ReadRecording as ReadRecording,
+    one_of as one_of,
+    read_log as read_log,
     read_recording as read_recording,
     read_recordings as read_recordings,
     write_recordings as write_recordings,

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, Field, create_model
 
-from cosim.core import InputError, NotNegative, Number
+from cosim.core import InputError, NotNegative, Number, Text
 from cosim.network import (
     MAX_NS,
     ChoiceKey,
@@ -21,6 +21,7 @@ from cosim.network import (
     NumberKey,
     ProbabilitiesKey,
     ProbabilityKey,
+    TextKey,
     WordOrNumberKey,
     keys_of,
 )
@@ -76,6 +77,8 @@ def nanoseconds(seconds: float) -> int:
 def _declared(found: DeclaredKey, value: Any) -> Any:
     if isinstance(found.key, ProbabilitiesKey):
         return tuple(tuple(row) for row in value) if found.key.rows else tuple(value)
+    if isinstance(value, list):
+        return tuple(value)
     return nanoseconds(value) if isinstance(found.key, DurationKey) and value is not None else value
 
 
@@ -88,10 +91,8 @@ def _default(found: DeclaredKey) -> Any:
 
 
 def _type(found: DeclaredKey) -> Any:
-    if isinstance(found.key, ProbabilitiesKey):
-        limits = Field(min_length=found.key.least, max_length=found.key.most)
-        numbers = Annotated[list[Probability], limits]
-        return Annotated[list[numbers], limits] if found.key.rows else numbers
+    if isinstance(found.key, ProbabilitiesKey | TextKey):
+        return _type_of_lists(found.key)
     match found.key:
         case DurationKey(least_ns=least):
             limits = Field(ge=least / 1e9, le=MAX_NS / 1e9, allow_inf_nan=False)
@@ -107,6 +108,14 @@ def _type(found: DeclaredKey) -> Any:
             word = _LITERAL[words]
             return word | Number if isinstance(found.key, WordOrNumberKey) else word
     raise TypeError(f"{found.name}: scenarios have no type for a {type(found.key).__name__}")
+
+
+def _type_of_lists(key: ProbabilitiesKey | TextKey) -> Any:
+    if isinstance(key, TextKey):
+        return Text | list[Text] if key.several else Text
+    limits = Field(min_length=key.least, max_length=key.most)
+    numbers = Annotated[list[Probability], limits]
+    return Annotated[list[numbers], limits] if key.rows else numbers
 
 
 def _in_range(found: DeclaredKey) -> AfterValidator:

@@ -13,6 +13,7 @@ from cosim.network import (
     GilbertElliott,
     Interpolation,
     Jitter,
+    LogFormat,
     LossChain,
     PacketLink,
     Recording,
@@ -35,6 +36,7 @@ _Burst: Any = part_of(GilbertElliott)
 _Chain: Any = part_of(
     LossChain, first={"kind": (Annotated[Literal["chain"], Field(description="A chain.")], ...)}
 )
+_Format: Any = part_of(LogFormat)
 _SignalDelay: Any = part_of(
     DelaySignal, first={"signal": (Annotated[Reference, Field(description="The signal.")], ...)}
 )
@@ -50,6 +52,10 @@ class BurstPart(_Burst):  # type: ignore[misc]
 
 class ChainPart(_Chain):  # type: ignore[misc]
     """Loss in a chain of hidden states."""
+
+
+class LogFormatPart(_Format):  # type: ignore[misc]
+    """How a log is written; what is not said is found in the file, or an error."""
 
 
 class ProfilePart(Part):
@@ -73,14 +79,16 @@ class ProfilePart(Part):
 
 
 class ProfileFilePart(Part):
-    """A recorded delay from a CSV file with columns `time` and `delay` in seconds."""
+    """A recorded delay from a CSV file with columns `time` and `delay`."""
 
     file: Text
     """CSV file, from the folder of the scenario."""
     time: Text = "time"
-    """Column of the instants of sending, in seconds."""
+    """Column of the instants of sending, from the start of the run on."""
     delay: Text = "delay"
-    """Column of the delays, in seconds."""
+    """Column of the delays."""
+    format: LogFormatPart | None = None
+    """Its delimiter, decimal and unit; without it found in the file, and seconds."""
     interpolation: Interpolation = "previous"
     """Between two rows: the delay of the one before ("previous"), or on a line ("linear")."""
 
@@ -170,12 +178,14 @@ class RecordingPart(_Replayed):  # type: ignore[misc]
 
 
 class RecordingFilePart(_Replayed):  # type: ignore[misc]
-    """What became of recorded messages, from a CSV file, a trace or another MCAP file."""
+    """What became of recorded messages, from a log, a trace or another MCAP file."""
 
     file: Text
     """The file, from the folder of the scenario."""
     node: Text | None = None
     """Which link of a file with several; without it the one of this name, or the only one."""
+    format: LogFormatPart | None = None
+    """How a log is written: which columns say what, delimiter, unit of times, what means lost."""
 
 
 def _kind_of_recording(value: Any) -> str | None:

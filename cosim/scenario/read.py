@@ -11,7 +11,7 @@ from typing import Any
 
 from cosim import recordings
 from cosim.core import NOWHERE, Findings, Layer, Origin, valid
-from cosim.network import DelayProfile, Recording, keys_of
+from cosim.network import DelayProfile, LogFormat, Recording, keys_of
 from cosim.scenario.extend import (
     Source,
     give_way,
@@ -21,7 +21,9 @@ from cosim.scenario.extend import (
 )
 from cosim.scenario.input_files import with_values
 from cosim.scenario.key_paths import put, setting
+from cosim.scenario.link_keys import of_part
 from cosim.scenario.links import (
+    LogFormatPart,
     PacketPart,
     ProfileFilePart,
     ProfilePart,
@@ -150,7 +152,9 @@ def with_files(scenario: ScenarioPart, folder: Path, findings: Findings) -> Scen
 
 
 def _messages(part: RecordingFilePart, folder: Path, link: str) -> RecordingPart:
-    found = recordings.read_recording(folder / part.file, part.node, default=link)
+    found = recordings.read_recording(
+        folder / part.file, part.node, default=link, log_format=_log_format(part.format)
+    )
     delays = found.delay_ns
     return RecordingPart(
         sent=(found.sent_ns / 1e9).tolist(),
@@ -162,9 +166,17 @@ def _messages(part: RecordingFilePart, folder: Path, link: str) -> RecordingPart
     )
 
 
+def _log_format(part: LogFormatPart | None) -> LogFormat:
+    return of_part(LogFormat, part or LogFormatPart(), hints="toml")
+
+
 def _recorded(part: ProfileFilePart, folder: Path) -> ProfilePart:
     profile = DelayProfile.from_csv(
-        folder / part.file, time=part.time, delay=part.delay, interpolation=part.interpolation
+        folder / part.file,
+        time=part.time,
+        delay=part.delay,
+        interpolation=part.interpolation,
+        log_format=_log_format(part.format),
     )
     return ProfilePart(
         times=[t / 1e9 for t in profile.times_ns.tolist()],

@@ -1,0 +1,142 @@
+"""How a log of messages is written: its columns, delimiter, numbers, times, and what means lost.
+
+One declaration gives the table `format` of a scenario's files, the options of the commands that
+read a log, and what messages name of it.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, get_args
+
+from cosim.core import InputError
+from cosim.network.checks import MAX_NS
+from cosim.network.keys import ChoiceKey, DurationKey, TextKey, check_keys, keys_of
+
+Delimiter = Literal[",", ";", "tab", "space"]
+Unit = Literal["s", "ms", "us", "ns"]
+
+DELIMITERS: tuple[Delimiter, ...] = get_args(Delimiter)
+DIGITS: dict[Unit, int] = {"s": 9, "ms": 6, "us": 3, "ns": 0}
+"""Unit of times -> digits of one of it in nanoseconds."""
+UNIT_WORDS: dict[Unit, str] = {
+    "s": "seconds",
+    "ms": "milliseconds",
+    "us": "microseconds",
+    "ns": "nanoseconds",
+}
+
+_LONG_S = 60.0
+"""A delay beyond which a link under water is asked about [s]: 90 km of sound."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogFormat:
+    r"""How a log of messages is written; what is not said is found in the file, or an error.
+
+        >>> from pathlib import Path
+        >>> from cosim.network import LogFormat
+        >>> from cosim.recordings import read_recording
+        >>> log = "id;tx;rx\n1;0,0;312,5\n2;2000,0;NaN\n"
+        >>> written = Path("modem.log").write_text(log)
+        >>> recording = read_recording("modem.log", log_format=LogFormat(unit="ms"))
+        >>> recording.sent_ns.tolist(), recording.lost.tolist(), recording.delay_ns.tolist()
+        ([0, 2000000000], [False, True], [312500000, 312500000])
+
+    Parameters
+    ----------
+    sent, received, delay, status, sequence : names of columns; those of the first three are found
+        by the usual ones (`sent`, `tx`, `send_time`; `delivered`, `rx`, `arrival`; `delay`) where
+        exactly one has such a name. `status` says whether a message was lost, 1 or 0, or one of
+        `lost`; without it the column `lost`. A number that is missing in `sequence` is a message
+        that was lost and has no row.
+    delimiter : ",", ";", "tab" or "space"; None: as the header has it.
+    decimal : "." or ","; None: either, and a comma only where it is no delimiter.
+    unit : of times that are numbers; None: as the header says (`tx_ms`, `sent [us]`), else seconds.
+        Times in ISO 8601 need none.
+    lost : what means lost in place of a time, beside an empty cell; capital letters are as small
+        ones. None: NaN, NaT, lost, -, -1 (where no message can have come then), inf, null.
+    clock_offset_ns : by how much the receiver's clock is ahead of the sender's [ns]; subtracted
+        from the times of arrival, and from a delay.
+    hints : how messages name a key: for Python, as "toml" of a file, as "options" of a command.
+
+    Raises
+    ------
+    InputError : a key out of its range, or keys that contradict each other.
+    """
+
+    sent: Annotated[str | None, TextKey("column of the times of sending")] = None
+    received: Annotated[str | None, TextKey("column of the times of arrival")] = None
+    delay: Annotated[str | None, TextKey("column of the delays, in place of received")] = None
+    status: Annotated[str | None, TextKey("column that says whether a message was lost")] = None
+    sequence: Annotated[
+        str | None, TextKey("column of sequence numbers; a missing one is a lost message")
+    ] = None
+    delimiter: Annotated[
+        Delimiter | None, ChoiceKey("what is between two columns; without it found", DELIMITERS)
+    ] = None
+    decimal: Annotated[
+        Literal[".", ","] | None, ChoiceKey("decimal point or comma; without it found", (".", ","))
+    ] = None
+    unit: Annotated[
+        Unit | None, ChoiceKey("unit of times that are numbers; else s", get_args(Unit))
+    ] = None
+    lost: Annotated[
+        tuple[str, ...] | None,
+        TextKey("what means lost in place of a time, beside an empty cell", several=True),
+    ] = None
+    clock_offset_ns: Annotated[
+        int, DurationKey("by how much the receiver's clock is ahead", least_ns=-MAX_NS)
+    ] = 0
+    hints: Literal["python", "toml", "options"] = "python"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.lost, str | list):
+            texts = (self.lost,) if isinstance(self.lost, str) else tuple(self.lost)
+            object.__setattr__(self, "lost", texts)
+        check_keys("format.", self)
+        contradiction = None
+        if self.received is not None and self.delay is not None:
+            contradiction = "received", "delay"
+        if self.delimiter == self.decimal == ",":
+            contradiction = "delimiter", "decimal"
+        if contradiction is not None:
+            given = {key: getattr(self, key) for key in contradiction}
+            raise InputError(
+                f"{' and '.join(contradiction)} contradict each other",
+                where="the format of a log",
+                expected="one of the two",
+                got=self.named(**given),
+            )
+
+    def named(self, **keys: Any) -> str:
+        """Return keys as they are given where this format comes from; times in seconds."""
+        declared = keys_of(LogFormat)
+        if self.hints == "options":
+            options = ((f"--{key.replace('_', '-')}", value) for key, value in keys.items())
+            return " ".join(f"{name} {shlex.quote(str(value))}" for name, value in options)
+        if self.hints == "toml":
+            entries = (f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in keys.items())
+            return f"format = {{ {', '.join(entries)} }}"
+        given = (
+            (key, round(value * 1e9) if declared[key].field.endswith("_ns") else value)
+            for key, value in keys.items()
+        )
+        return f"LogFormat({', '.join(f'{declared[k].field}={v!r}' for k, v in given)})"
+
+
+def unit_doubt(median_s: float, unit: Unit | None, log_format: LogFormat) -> str | None:
+    """Return what is doubtful about a median delay, and what to do; None where nothing is.
+
+    unit : of the delays or times as read; None where they are no numbers.
+    """
+    if median_s <= _LONG_S:
+        return None
+    units = [*DIGITS]
+    smaller = None if unit in (None, "ns") else units[units.index(unit) + 1]
+    asked = "are both times of one clock, and of one time zone?"
+    if smaller is not None:
+        asked = f"are these {UNIT_WORDS[smaller]}? give {log_format.named(unit=smaller)}"
+    return f"the median delay is {median_s:.4g} s: {asked}"
