@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from cosim import vehicle as vehicles
+from cosim import recordings, vehicle as vehicles
 from cosim.cli.arguments import number_or_text, write
 from cosim.cli.common import (
     FMUS,
@@ -21,6 +21,7 @@ from cosim.cli.common import (
     progress,
 )
 from cosim.cli.help_text import HelpTyper
+from cosim.cli.log_options import with_log_options
 from cosim.cli.run_view import outcome_view
 from cosim.cli.runs import exit_with, interruptions_reported, make_fmu_cache
 from cosim.cli.terminal import console, titles_table, typed
@@ -32,6 +33,7 @@ from cosim.cli.vehicle_view import (
     overview_view,
 )
 from cosim.core import InputError, counted, seconds, unreadable
+from cosim.network import LogFormat
 from cosim.trace.outcome import answer_of
 
 vehicle_app = HelpTyper(
@@ -215,15 +217,30 @@ def show(
 
 
 @vehicle_app.command()
+@with_log_options
 def fly(
     name: VehicleArgument,
     link: Annotated[
-        str,
-        typer.Option(help="Time that a message over the link takes at most: '2s', '800 ms'."),
-    ] = "2s",
+        str | None,
+        typer.Option(
+            help="Time that a message over the link takes at most: '2s', '800 ms' (default: 2s; "
+            "with --recording the greatest delay in it)."
+        ),
+    ] = None,
     loss: Annotated[
-        float, typer.Option(help="Share of the link's messages that are lost, in runs.")
-    ] = 0.05,
+        float | None,
+        typer.Option(help="Share of the link's messages that are lost, in runs (default: 0.05)."),
+    ] = None,
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            help="A log of messages, a trace or another MCAP file: the link does to its messages "
+            "what was recorded."
+        ),
+    ] = None,
+    node: Annotated[
+        str | None, typer.Option("--node", help="Which link of a recording with several.")
+    ] = None,
     losses: Annotated[
         int, typer.Option(help="Messages that may be lost in a row within the age designed for.")
     ] = vehicles.LOSSES_IN_A_ROW,
@@ -242,6 +259,8 @@ def fly(
     fmus: FmusOption = FMUS,
     details: DetailsOption = False,
     as_json: JsonOption = False,
+    *,
+    log_format: LogFormat,
 ) -> None:
     """Design for a vehicle over a slow link, prove the design, and fly it.
 
@@ -250,8 +269,9 @@ def fly(
     as FMUs; a scenario that can be changed and run again. The loop is closed on board. Over the
     link, late and with losses in runs, come the set-points and what the file measures over = "link"
     of the controlled states; the output says what crosses which link, and up to which age the
-    proof holds. The summary says which assumptions of the guarantee were not met, with --details
-    all of them; the folder keeps the design, the trace and a picture.
+    proof holds. With --recording the link is as it was recorded, in time; the design is for the
+    greatest delay in it. The summary says which assumptions of the guarantee were not met, with
+    --details all of them; the folder keeps the design, the trace and a picture.
 
     Exit code 0: the flight is done; 2: the vehicle or an option is not valid; 4: a component
     failed; 5: nothing could be certified.
@@ -259,19 +279,23 @@ def fly(
     \b
     cosim vehicle fly bluerov2-heavy --link 2s
     cosim vehicle fly my-vehicle.toml --link 800ms --loss 0.2 --duration 5min --out flight
+    cosim vehicle fly bluerov2-heavy --recording modem.log --unit ms
     cosim run flights/bluerov2-heavy/scenario.toml
     """
-    settings = vehicles.FlightSettings(
-        link=seconds(number_or_text(link), "--link"),
-        loss=loss,
-        losses=losses,
-        duration=seconds(number_or_text(duration), "--duration"),
-        step=seconds(number_or_text(step), "--step"),
-        seed=seed,
-    )
+    given: dict[str, Any] = {
+        "losses": losses,
+        "duration": seconds(number_or_text(duration), "--duration"),
+        "step": seconds(number_or_text(step), "--step"),
+        "seed": seed,
+    }
+    given |= {} if link is None else {"link": seconds(number_or_text(link), "--link")}
+    given |= {} if loss is None else {"loss": loss}
     craft = vehicles.load_vehicle(name)
+    settings, read = _settings(recording, node, log_format, given)
     folder = out or Path("flights") / craft.name
     lines = console(error=True)
+    if read is not None:
+        lines.print(f"{recording}: {read.line}")
     with progress() as report_progress, interruptions_reported():
         flight = vehicles.fly(
             craft,
@@ -284,7 +308,7 @@ def fly(
     ended = answer_of(craft.name, flight.outcome)
     answer(
         as_json,
-        flight.to_json,
+        lambda: flight.to_json() | {"recording": None if read is None else read.to_json()},
         lambda: flight_view(flight, outcome_view(flight.outcome, details=details)),
         line=ended.what,
         tone=ended.tone,
@@ -295,3 +319,28 @@ def fly(
         ),
     )
     exit_with(flight.outcome)
+
+
+def _settings(
+    recording: Path | None, node: str | None, log_format: LogFormat, given: dict[str, Any]
+) -> tuple[vehicles.FlightSettings, recordings.Plausibility | None]:
+    """Return the settings of a flight, and what was read of a recording."""
+    if recording is None:
+        if node is not None or log_format != LogFormat(hints=log_format.hints):
+            raise InputError(
+                "there is no log to read",
+                where="cosim vehicle fly",
+                expected="--recording FILE with options of a log",
+                got="these options alone",
+            )
+        return vehicles.FlightSettings(**given), None
+    if "loss" in given:
+        raise InputError(
+            "the recording says which messages are lost",
+            where="--loss",
+            expected="--recording or --loss",
+            got="both",
+        )
+    name, read = recordings.one_of(recordings.read_log(recording, log_format), recording, node)
+    read.plausibility.ask(recording, name)
+    return vehicles.FlightSettings.over(read.recording, **given), read.plausibility

@@ -115,8 +115,11 @@ class LogFormat:
         """Return keys as they are given where this format comes from; times in seconds."""
         declared = keys_of(LogFormat)
         if self.hints == "options":
-            options = ((f"--{key.replace('_', '-')}", value) for key, value in keys.items())
-            return " ".join(f"{name} {shlex.quote(str(value))}" for name, value in options)
+            return " ".join(
+                f"--{key.replace('_', '-')} {shlex.quote(str(each))}"
+                for key, value in keys.items()
+                for each in (value if isinstance(value, tuple) else (value,))
+            )
         if self.hints == "toml":
             entries = (f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in keys.items())
             return f"format = {{ {', '.join(entries)} }}"

@@ -103,11 +103,14 @@ class LogRows:
         return iso
 
     def _number_ns(self, row: Row, column: str) -> int:
-        unit = self._unit_of(column)
-        hint = "times are from any one instant on, such as 1970"
-        with_unit = self._fitting_unit(row.cells[column], unit)
+        text, unit = row.cells[column], self._unit_of(column)
+        hint = "a time is a number, or in ISO 8601: 2024-05-01T12:00:00.25Z"
+        with_unit = self._fitting_unit(text, unit)
         if with_unit is not None:
             hint = f"is this in {with_unit}? give {self.log_format.named(unit=with_unit)}"
+        elif column == self.columns.became and text:
+            markers = (*(self.log_format.lost or ()), text)
+            hint = f"if it means lost: {self.log_format.named(lost=markers)}"
         return row.nanoseconds(column, _CLOCK, unit, hint)
 
     def _unit_of(self, column: str, before: str = "") -> Unit:

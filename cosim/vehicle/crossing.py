@@ -58,7 +58,10 @@ def crossings(
     each = []
     for sensor in sensors:
         way = [f"every {sensor.interval:g} s"]
-        way += [f"up to {sensor.transit:g} s under way"] if sensor.in_packets else []
+        if sensor.over == "link" and settings.recording is not None:
+            way += ["as recorded"]
+        elif sensor.in_packets:
+            way += [f"up to {sensor.transit:g} s under way"]
         way += [sensor.remark] if sensor.remark else []
         what = f"{sensor.name}: {', '.join(sensor.measures)}"
         each.append(Crossing(what, sensor.over, sensor.age, ", ".join(way)))

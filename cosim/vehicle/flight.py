@@ -23,6 +23,7 @@ from cosim.core import (
     write_whole,
 )
 from cosim.fmu import export as exports
+from cosim.recordings import write_recordings
 from cosim.vehicle.crossing import Crossing, crossing_lines, crossing_title, crossings
 from cosim.vehicle.design_model import as_designed_for, flight_model
 from cosim.vehicle.flight_design import (
@@ -32,8 +33,8 @@ from cosim.vehicle.flight_design import (
     proved_for,
 )
 from cosim.vehicle.flight_picture import PictureSubject, draw_flight
-from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor
-from cosim.vehicle.flight_scenario import Mission, scenario_text
+from cosim.vehicle.flight_plan import FlightSettings, PlannedSensor, recorded_lines
+from cosim.vehicle.flight_scenario import RECORDING, Mission, scenario_text
 from cosim.vehicle.linearisation import LinearModel
 from cosim.vehicle.mission import plan_mission
 from cosim.vehicle.read import load_vehicle
@@ -173,7 +174,8 @@ def fly(  # noqa: PLR0915 - one step after the other
         steps.add(f"largest norm at a constant F that a search found: {worst:.4g}")
         mission = _mission(model, design, chosen)
         across = crossings(sensors, mission.names(model.states), chosen)
-        for line in crossing_lines(across, craft.sensors, model.states):
+        lines = crossing_lines(across, craft.sensors, model.states)
+        for line in (*lines, *recorded_lines(sensors, chosen)):
             steps.add(line)
         write_whole(where / DESIGN, design.file_text().encode())
     with steps("plant, sensors and controller as FMUs"):
@@ -388,6 +390,8 @@ def _write_scenario(
         path.replace(kept)
         steps.add(f"the scenario that was there is kept: {kept}")
     write_whole(path, text.encode())
+    if settings.recording is not None:
+        write_recordings(path.with_name(RECORDING), {"": settings.recording})
     if mission.wave_height:
         sea = f"a sea of {mission.wave_height:g} m and {mission.wave_period:g} s"
         steps.add(f"{sea}, met {mission.wave_depth:g} m down")

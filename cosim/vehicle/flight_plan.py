@@ -13,6 +13,8 @@ from typing import Any
 
 from cosim.core import InputError
 from cosim.models import Over
+from cosim.network import Recording
+from cosim.recordings import statistics_of
 from cosim.vehicle.vehicle import Sensor
 
 LOSSES_IN_A_ROW = 3
@@ -44,6 +46,8 @@ class FlightSettings:
     step : communication step [s].
     seed : of the sea, the losses and the noise.
     use : share of envelope and limits that set-points and sea may take of the linear model.
+    recording : what the link does to its messages, in place of `loss` and, where it has times of
+        arrival, of delays up to `link`, for which the design is made all the same.
     """
 
     link: float = 2.0
@@ -53,6 +57,33 @@ class FlightSettings:
     step: float = 0.05
     seed: int = 2
     use: float = 0.7
+    recording: Recording | None = None
+
+    @classmethod
+    def over(cls, recording: Recording, **given: Any) -> FlightSettings:
+        """Return settings for a flight over a recorded link.
+
+            >>> from cosim.network import Recording
+            >>> from cosim.vehicle import FlightSettings
+            >>> second = 10**9
+            >>> modem = Recording([0, 4 * second], [False, False], [second, 1_230_000_000])
+            >>> FlightSettings.over(modem, duration=60.0).link
+            1.25
+
+        Without `link` among the settings given the design is for the greatest delay recorded, in
+        whole steps.
+        """
+        settings = cls(**{"link": 1.0, "loss": 0.0, **given, "recording": recording})
+        if "link" in given or recording.delay_ns is None:
+            return replace(settings, link=given.get("link", cls.link))
+        greatest = _whole(recording.greatest_ns / 1e9, settings.step)
+        return replace(settings, link=max(settings.step, greatest))
+
+    @property
+    def replay(self) -> str:
+        """How the recording is replayed: once; in a loop where the flight lasts longer."""
+        long_enough = self.recording is None or self.recording.sent_ns[-1] >= 1e9 * self.duration
+        return "once" if long_enough else "loop"
 
     @property
     def command_age(self) -> float:
@@ -206,6 +237,25 @@ def _whole(seconds: float, step: float, rounded: Any = math.ceil) -> float:
     number = seconds / step
     rounded_number = round(number) if abs(number - round(number)) < 1e-6 else rounded(number)
     return round(rounded_number * step, 9)
+
+
+def recorded_lines(sensors: Sequence[PlannedSensor], settings: FlightSettings) -> list[str]:
+    """Return lines about the recording of the link beside what the design allows for."""
+    if settings.recording is None:
+        return []
+    found = statistics_of(settings.recording)
+    longest = max(found.runs_of_losses, default=0)
+    lines = [f"the link as recorded: up to {longest} messages in a row were lost"]
+    if settings.replay == "loop":
+        lasts = f"{found.duration_s:.4g} s, the flight {settings.duration:g} s"
+        lines.append(f"the recording lasts {lasts}: it begins again when it is over")
+    for sensor in sensors:
+        if sensor.over == "link" and found.greatest_age_s is not None:
+            beyond = found.greatest_age_s > sensor.age
+            was = f"{sensor.name}: the newest message was up to {found.greatest_age_s:.4g} s old"
+            more = " (more losses in a row: --losses; a longer way: --link)" if beyond else ""
+            lines.append(f"{was}; the design is for up to {sensor.age:g} s{more}")
+    return lines
 
 
 def loss_in_runs(loss: float) -> dict[str, float] | float:

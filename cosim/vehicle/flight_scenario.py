@@ -18,6 +18,9 @@ PLANT, CONTROLLER, SHIP, SEA = "plant", "controller", "ship", "sea"
 SET_POINTS = "set_points"
 """Names in the scenario."""
 
+RECORDING = "recording.csv"
+"""The recorded link in the folder of a flight."""
+
 PATH_ENDS = 0.45
 """Share of the flight after which the set-points are at the trim."""
 
@@ -227,7 +230,8 @@ def _wire(source: str, target: str, link: str | None = None) -> str:
 
 def _link(sensor: PlannedSensor, settings: FlightSettings) -> str:
     settings_of_link = sensor.interval, sensor.transit, sensor.jitter, sensor.loss
-    return _packet(sensor.name, *settings_of_link, settings)
+    recorded = sensor.over == "link"
+    return _packet(sensor.name, *settings_of_link, settings, recorded=recorded)
 
 
 def _packet(
@@ -237,22 +241,33 @@ def _packet(
     jitter: float,
     loss: float,
     settings: FlightSettings,
+    *,
+    recorded: bool = True,
 ) -> str:
-    chain = loss_in_runs(loss)
-    lost = str(chain)
-    if isinstance(chain, dict):
-        entries = ", ".join(f"{key} = {value:.6g}" for key, value in chain.items())
-        lost = f"{{ {entries} }} # in runs: {100 * loss:g} % in all"
+    recording = settings.recording if recorded else None
     spread = f'jitter = {{ kind = "uniform", width = {jitter:g} }}\n' if jitter else ""
+    way = f"delay = {round(transit - jitter, 9):g}\n{spread}"
+    if recording is not None:
+        again = f', replay = "{settings.replay}"' if settings.replay != "once" else ""
+        way = way if recording.delay_ns is None else ""
+        way += f'recording = {{ file = "{RECORDING}", rows = "time"{again} }}\n'
+    else:
+        way += f"loss = {_loss(loss)}\n"
     # what is measured at the beginning of a step is there, and sent, at its end
     return f"""\
 [links.{name}]
 kind = "packet"
 sample_time = {interval:g}
 offset = {settings.step:g}
-delay = {round(transit - jitter, 9):g}
-{spread}loss = {lost}
-"""
+{way}"""
+
+
+def _loss(loss: float) -> str:
+    chain = loss_in_runs(loss)
+    if not isinstance(chain, dict):
+        return str(chain)
+    entries = ", ".join(f"{key} = {value:.6g}" for key, value in chain.items())
+    return f"{{ {entries} }} # in runs: {100 * loss:g} % in all"
 
 
 _DESIGN = """\
