@@ -48,7 +48,17 @@ LOWER = {
     "replay": {"core", "models", "network", "trace", "hinf", "fmu", "master", "scenario"},
     "study": {"core", "models", "network", "page", "trace", "hinf", "fmu", "master", "scenario"},
     "paper": {"core", "models", "trace", "hinf"},
-    "vehicle": {"core", "models", "network", "trace", "hinf", "fmu", "master", "scenario"},
+    "vehicle": {
+        "core",
+        "models",
+        "network",
+        "trace",
+        "hinf",
+        "fmu",
+        "master",
+        "recordings",
+        "scenario",
+    },
 }
 LOWER["cli"] = {*LOWER}
 """Package -> the packages that it may import from."""

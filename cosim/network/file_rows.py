@@ -169,7 +169,7 @@ def read_header(
 ) -> Header:
     """Return the header of a file, and the delimiter by which its names have the most `fitness`.
 
-    Of two that are as fit, that of more names, or the first of `DELIMITERS`.
+    Of two that are as fit, that of more names; a space, which names have in them, is the last.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def read_header(
     if _is_parquet(Path(path)):
         place, names = next(_rows(Path(path), ()))
         return Header(place, names, ",")
-    best: tuple[tuple[float, int], Header] | None = None
+    best: tuple[tuple[float, bool, int], Header] | None = None
     refused: InputError | None = None
     for tried in (delimiter,) if delimiter is not None else DELIMITERS:
         try:
@@ -187,7 +187,7 @@ def read_header(
             refused = refused or error
             continue
         names = [cell.strip() for cell in cells]
-        rank = fitness(names), len(names)
+        rank = fitness(names), tried != "space" and len(names) > 1, len(names)
         if best is None or rank > best[0]:
             best = rank, Header(place, names, tried)
     if best is None:

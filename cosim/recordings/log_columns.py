@@ -107,7 +107,7 @@ def log_columns(path: AnyPath, log_format: LogFormat) -> LogColumns:
 
 def role_of(name: str) -> Role | None:
     """Return what a column with this name says by its usual meaning; None where that is open."""
-    words = [*_words(name)]
+    words = [] if re.search("[,;\t]", name) else [*_words(name)]
     if not {*words} - _NUMBERING - _BESIDE_NUMBERING and {*words} & _NUMBERING:
         return "sequence"
     rest = [word for word in words if word not in _OF_TIME]

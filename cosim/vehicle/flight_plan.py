@@ -243,17 +243,17 @@ def recorded_lines(sensors: Sequence[PlannedSensor], settings: FlightSettings) -
     """Return lines about the recording of the link beside what the design allows for."""
     if settings.recording is None:
         return []
-    found = statistics_of(settings.recording)
-    longest = max(found.runs_of_losses, default=0)
+    statistics = statistics_of(settings.recording)
+    age, longest = statistics.greatest_age_s, max(statistics.runs_of_losses, default=0)
     lines = [f"the link as recorded: up to {longest} messages in a row were lost"]
     if settings.replay == "loop":
-        lasts = f"{found.duration_s:.4g} s, the flight {settings.duration:g} s"
+        lasts = f"{statistics.duration_s:.4g} s, the flight {settings.duration:g} s"
         lines.append(f"the recording lasts {lasts}: it begins again when it is over")
     for sensor in sensors:
-        if sensor.over == "link" and found.greatest_age_s is not None:
-            beyond = found.greatest_age_s > sensor.age
-            was = f"{sensor.name}: the newest message was up to {found.greatest_age_s:.4g} s old"
-            more = " (more losses in a row: --losses; a longer way: --link)" if beyond else ""
+        if sensor.over == "link" and age is not None:
+            was = f"{sensor.name}: the newest message was up to {age:.4g} s old"
+            allowed = " (more losses in a row: --losses; a longer way: --link)"
+            more = allowed if age > sensor.age else ""
             lines.append(f"{was}; the design is for up to {sensor.age:g} s{more}")
     return lines
 

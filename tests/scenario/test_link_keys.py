@@ -21,6 +21,7 @@ from cosim.network import (
     DurationKey,
     GilbertElliott,
     Jitter,
+    LogFormat,
     LossChain,
     Medium,
     NumberKey,
@@ -29,6 +30,7 @@ from cosim.network import (
     ProbabilityKey,
     RangeLogit,
     Recording,
+    TextKey,
     TransportLink,
     WordOrNumberKey,
     keys_of,
@@ -45,13 +47,14 @@ PARTS: dict[type, Any] = {
     GilbertElliott: SCHEMA["BurstPart"],
     LossChain: SCHEMA["ChainPart"],
     Recording: SCHEMA["RecordingFilePart"],
+    LogFormat: SCHEMA["LogFormatPart"],
     DelaySignal: SCHEMA["SignalDelayPart"],
     Medium: SCHEMA["MediumPart"],
     RangeLogit: SCHEMA["RangeLogitPart"],
 }
 """What a scenario has for each of them, as the JSON schema says it."""
 NOT_KEYS = {"name", "delay", "windows", "recording", "hop", "adjustable", "nodes", "slots", "loss"}
-NOT_KEYS |= {"greatest_age_ns", "on_age"}
+NOT_KEYS |= {"greatest_age_ns", "on_age", "hints"}
 ROWS = {"sent_ns", "lost", "delay_ns", "range_m", "size", "start_ns"}
 RATE = {"data_rate": 1000, "frame_size": 10}
 
@@ -71,6 +74,7 @@ def test_a_scenario_has_the_same_keys(declared: type) -> None:
     properties = PARTS[declared]["properties"]
     others = ("kind", "signal", "recording", "file", "node", "medium", "from", "to", "packet")
     others += ("nodes", "slots", "loss", "greatest_age", "on_age", "count", "each", "as")
+    others += ("format",)
     own = [n for n in properties if n not in others or n in keys_of(declared)]
     assert own == [*keys_of(declared)]
     for name, found in keys_of(declared).items():
@@ -183,7 +187,10 @@ def values_in_words(found: DeclaredKey) -> str:
     key, words = found.key, "a table"
     match key:
         case DurationKey(least_ns=least):
-            words = f"{'1e-9' if least else '0'} to 9.007e6 s"
+            words = f"{f'{least / 1e9:.4g}'.replace('e+0', 'e')} to 9.007e6 s"
+            words = words.replace("1e-09", "1e-9")
+        case TextKey(several=several):
+            words = "a text, or several" if several else "a text"
         case ProbabilityKey(instead=instead):
             words = "0 to 1" + (", or a table" if instead else "")
         case ProbabilitiesKey(least=least, most=most, rows=rows):
