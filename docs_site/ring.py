@@ -47,7 +47,14 @@ RING: dict[str, tuple[str, ...]] = {
         *("FmuCache", "Outcome", "as_text", "builtin_names", "check_step", "export_ssp"),
         *("import_ssp", "json_schema", "prepare", "template"),
     ),
-    "cosim.network": ("GilbertElliott", "Jitter", "LossChain", "PacketLink", "Recording"),
+    "cosim.network": (
+        "GilbertElliott",
+        "Jitter",
+        "LossChain",
+        "LogFormat",
+        "PacketLink",
+        "Recording",
+    ),
     "cosim.master": ("Pace", "Snapshot"),
     "cosim.core": (
         *("ComponentError", "InputError", "LossError", "NotAchievableError", "Progress"),

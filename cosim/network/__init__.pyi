@@ -50,6 +50,7 @@ from .log_format import (
     Delimiter as Delimiter,
     LogFormat as LogFormat,
     Unit as Unit,
+    seconds_in_words as seconds_in_words,
     unit_doubt as unit_doubt,
 )
 from .medium import (

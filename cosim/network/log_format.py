@@ -142,4 +142,9 @@ def unit_doubt(median_s: float, unit: Unit | None, log_format: LogFormat) -> str
     asked = "are both times of one clock, and of one time zone?"
     if smaller is not None:
         asked = f"are these {UNIT_WORDS[smaller]}? give {log_format.named(unit=smaller)}"
-    return f"the median delay is {median_s:.4g} s: {asked}"
+    return f"the median delay is {seconds_in_words(median_s)}: {asked}"
+
+
+def seconds_in_words(seconds: float) -> str:
+    """Return a time with three digits or, from 1,000 s on, in whole seconds."""
+    return f"{seconds:,.0f} s" if seconds >= 1000 else f"{seconds:.3g} s"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cosim.core import AnyPath, counted, say_once
-from cosim.network import UNIT_WORDS, LogFormat, Recording, Unit, unit_doubt
+from cosim.network import UNIT_WORDS, LogFormat, Recording, Unit, seconds_in_words, unit_doubt
 
 _ALIKE = 10
 """Delays of as many messages that are all equal are asked about."""
@@ -44,7 +44,7 @@ class Plausibility:
         """The recording in one line."""
         delay = "no times of arrival"
         if self.median_delay_s is not None:
-            delay = f"median delay {self.median_delay_s:.3g} s"
+            delay = f"median delay {seconds_in_words(self.median_delay_s)}"
         lost = "none ended" if self.loss is None else f"{100 * self.loss:.3g} % lost"
         return f"{counted(self.messages, 'message')} over {_span(self.span_s)}, {delay}, {lost}"
 
@@ -93,7 +93,8 @@ def plausibility_of(
     if lost.size and lost.all():
         doubts.append("all messages are lost: is that what these cells mean?")
     if logged and came is not None and came.size >= _ALIKE and np.ptp(came) == 0.0:
-        doubts.append(f"all delays are {came[0]:.4g} s: were they measured, or is this a setting?")
+        same = seconds_in_words(float(came[0]))
+        doubts.append(f"all delays are {same}: were they measured, or is this a setting?")
     return Plausibility(
         messages=len(recording),
         span_s=span_s,
@@ -105,7 +106,7 @@ def plausibility_of(
 
 
 def _far_apart(interval_s: float, unit: Unit | None, log_format: LogFormat) -> str:
-    words = f"messages are {interval_s:.4g} s apart (median)"
+    words = f"messages are {seconds_in_words(interval_s)} apart (median)"
     if unit is None or unit == "ns":
         return f"{words}: is that so?"
     smaller = next(small for small, large in _LARGER.items() if large == unit)
@@ -113,7 +114,7 @@ def _far_apart(interval_s: float, unit: Unit | None, log_format: LogFormat) -> s
 
 
 def _short(span_s: float, unit: Unit | None, log_format: LogFormat) -> str:
-    words = f"all messages were sent within {span_s:.3g} s"
+    words = f"all messages were sent within {seconds_in_words(span_s)}"
     if unit not in _LARGER:
         return f"{words}: is that so?"
     larger = _LARGER[unit]
@@ -125,4 +126,4 @@ def _span(seconds: float) -> str:
     for least, size, unit in _SPANS:
         if seconds >= least:
             return f"{seconds / size:.3g} {unit}"
-    return f"{seconds:.3g} s"
+    return seconds_in_words(seconds)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from cosim.core import InputError
+from cosim.core import InputError, counted
 from cosim.models import Over
 from cosim.network import Recording
 from cosim.recordings import statistics_of
@@ -245,7 +245,7 @@ def recorded_lines(sensors: Sequence[PlannedSensor], settings: FlightSettings) -
         return []
     statistics = statistics_of(settings.recording)
     age, longest = statistics.greatest_age_s, max(statistics.runs_of_losses, default=0)
-    lines = [f"the link as recorded: up to {longest} messages in a row were lost"]
+    lines = [f"the link as recorded: up to {counted(longest, 'message')} lost in a row"]
     if settings.replay == "loop":
         lasts = f"{statistics.duration_s:.4g} s, the flight {settings.duration:g} s"
         lines.append(f"the recording lasts {lasts}: it begins again when it is over")

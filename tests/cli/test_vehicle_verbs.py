@@ -122,3 +122,71 @@ def test_numbers_beyond_all_vehicles_are_named(old: str, new: str, tmp_path: Pat
         assert isinstance(found.json, dict)
         assert "unexpected" not in found.err
         assert "Warning" not in found.err
+
+
+SLEDGE = """
+name = "sledge"
+degrees_of_freedom = 4
+body = { mass = 100, inertia = [10, 10, 10] }
+hydro = { X_udot = -10, X_u = -100 }
+thrusters = [{ name = "surge", direction = [1, 0, 0], limit = 50 }]
+control = { states = ["eta.x", "nu.u"] }
+"""
+"""A vehicle that goes ahead and back; its place comes over the link."""
+
+
+def modem_log(folder: Path, count: int = 12) -> list[bool]:
+    """Write modem.log: every 2 s, in milliseconds since 1970; return which were lost."""
+    lost = [k % 5 == 3 for k in range(count)]
+    lines = ["seq;tx;rx"]
+    for k, each in enumerate(lost):
+        sent = 1_714_557_600_000 + 2000 * k
+        lines.append(f"{k};{sent};{'NaN' if each else sent + 700 + 10 * (k % 7)}")
+    folder.joinpath("modem.log").write_text("\n".join(lines) + "\n", "utf-8")
+    return lost
+
+
+@pytest.mark.slow
+def test_a_flight_over_a_log_does_what_was_logged(tmp_path: Path) -> None:
+    """Delay and loss of each message are those of the last one that was logged by its time."""
+    lost = modem_log(tmp_path)
+    tmp_path.joinpath("sledge.toml").write_text(SLEDGE, "utf-8")
+    given = ["vehicle", "fly", "sledge.toml", "--recording", "modem.log", "--unit", "ms"]
+    given += ["--duration", "15", "--fmus", str(fmu_store("native"))]
+    found = cosim(*given, "--json", cwd=tmp_path)
+    assert found.code == 0
+    assert found.json["recording"]["line"] == (
+        "12 messages over 22 s, median delay 0.72 s, 16.7 % lost"
+    )
+    log = "modem.log: 12 messages over 22 s"
+    assert log in found.err
+    assert "the link as recorded: up to 1 message lost in a row" in found.err
+    folder = tmp_path / "flights" / "sledge"
+    text = folder.joinpath("scenario.toml").read_text("utf-8")
+    assert text.count('recording = { file = "recording.csv", rows = "time" }') == 2
+    for link in ("usbl", "set_points"):
+        sent = found.json["run"]["links"][link]["sent"]
+        rows = [k // 2 for k in range(sent)]  # a message each second, a row every two
+        assert found.json["run"]["links"][link]["lost"] == sum(lost[row] for row in rows)
+        delays = [0.7 + 0.01 * (row % 7) for row in rows if not lost[row]]
+        assert found.json["run"]["links"][link]["max_delay_s"] == pytest.approx(max(delays))
+
+
+def test_a_log_that_looks_wrong_is_asked_about_before_a_flight(tmp_path: Path) -> None:
+    """Milliseconds read as seconds; and options that do not go together."""
+    rows = [f"{2000 * k},{2000 * k + 1002 + k % 3}" for k in range(20)]
+    tmp_path.joinpath("wrong.csv").write_text("\n".join(("sent,rx", *rows)) + "\n", "utf-8")
+    fly = ["vehicle", "fly", "bluerov2-heavy"]
+    found = cosim(*fly, "--recording", "wrong.csv", cwd=tmp_path)
+    assert found.code == 2
+    assert "wrong.csv: the median delay is 1,003 s: are these milliseconds?" in found.err
+    assert "give --unit ms" in found.err
+    assert "at least ten times the time that a message takes" in found.err
+    for more, words in (
+        (["--unit", "ms"], "there is no log to read"),
+        (["--node", "a"], "there is no log to read"),
+        (["--recording", "wrong.csv", "--loss", "0.1"], "says which messages are lost"),
+    ):
+        refused = cosim(*fly, *more, cwd=tmp_path)
+        assert refused.code == 2
+        assert words in refused.err

@@ -328,8 +328,8 @@ def even(count: int, apart: float, delay: float, spread: float = 0.01) -> str:
 
 
 DOUBTS: dict[str, tuple[str, dict[str, Any], str]] = {
-    "milliseconds": (even(20, 2000, 1002), {}, "the median delay is 1002 s: are these milliseco"),
-    "milliseconds apart": (even(20, 2000, 2), {}, "messages are 2000 s apart (median): are these"),
+    "milliseconds": (even(20, 2000, 1002), {}, "the median delay is 1,002 s: are these milliseco"),
+    "milliseconds apart": (even(20, 2000, 2), {}, "messages are 2,000 s apart (median): are these"),
     "microseconds": (even(20, 2e6, 1e6), {"unit": "ms"}, "are these microseconds? give --unit us"),
     "all lost": ("tx,rx\n0,nan\n2,nan\n", {}, "all messages are lost"),
     "a short log": (even(20, 0.002, 0.001, 1e-6), {}, "all messages were sent within 0.038 s"),
@@ -367,7 +367,7 @@ def test_a_delay_of_1002_seconds_never_passes_without_a_word(
 ) -> None:
     """Python, a scenario's recording, its delay over time: each says what would mend it."""
     path = written(tmp_path, even(20, 2000, 1002))
-    words = "the median delay is 1002 s: are these milliseconds? give "
+    words = "the median delay is 1,002 s: are these milliseconds? give "
     assert read_recordings(path)[""].greatest_ns > 1000 * SECOND
     assert f"{path}: {words}LogFormat(unit='ms')" in capsys.readouterr().err
     recorded = SCENARIO + 'recording = { file = "modem.log", replay = "loop", rows = "message" }\n'
