@@ -48,12 +48,7 @@ RING: dict[str, tuple[str, ...]] = {
         *("import_ssp", "json_schema", "prepare", "template"),
     ),
     "cosim.network": (
-        "GilbertElliott",
-        "Jitter",
-        "LossChain",
-        "LogFormat",
-        "PacketLink",
-        "Recording",
+        *("GilbertElliott", "Jitter", "LogFormat", "LossChain", "PacketLink", "Recording"),
     ),
     "cosim.master": ("Pace", "Snapshot"),
     "cosim.core": (
