@@ -69,15 +69,19 @@ def test_a_modem_log_has_the_messages_of_its_plain_form(log: ModemLog, tmp_path:
 
 @CASES
 def test_commands_read_a_modem_log_by_the_same_keys(log: ModemLog, tmp_path: Path) -> None:
-    """`link record` writes the plain form; its first line, and JSON, say what was read."""
+    """`link record` writes the plain form; it, `link show` and JSON say what was read."""
     plain = read_recording(written(tmp_path, PLAIN, "plain.csv"))
     written(tmp_path, log.text)
     given = ["link", "record", "modem.log", *options(log.keys), "-o", "out.csv"]
     done = cosim(*given, cwd=tmp_path)
     line = "8 messages over 14 s, median delay 1 s, 25 % lost"
-    assert (done.code, done.out.splitlines()[0]) == (0, f"modem.log: {line}")
-    assert done.err == ""
+    assert (done.code, done.err) == (0, "")
+    assert f"modem.log: {line}" in done.out.splitlines()
     assert read_recording(tmp_path / "out.csv") == plain
+    text = cosim("link", "show", "modem.log", *options(log.keys), cwd=tmp_path).out
+    assert text.splitlines()[0] == f"modem.log: {line}"
+    typed = " ".join(("cosim link fit modem.log", *options(log.keys)))
+    assert typed in " ".join(text.split()), "what to do next reads the log in the same way"
     found = cosim(*given, "--json", cwd=tmp_path).json
     assert found["read"][""]["line"] == line
     assert found["read"][""]["doubts"] == []
