@@ -156,7 +156,7 @@ def test_a_flight_over_a_log_does_what_was_logged(tmp_path: Path) -> None:
     found = cosim(*given, "--json", cwd=tmp_path)
     assert found.code == 0
     assert found.json["recording"]["line"] == (
-        "12 messages over 22 s, median delay 0.72 s, 16.7 % lost"
+        "12 messages over 22 s, median delay 0.725 s, 16.7 % lost"
     )
     log = "modem.log: 12 messages over 22 s"
     assert log in found.err
