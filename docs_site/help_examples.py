@@ -23,7 +23,7 @@ NOT_RUN = {
     "my-system.toml --outages": "this system has no feedback that is late",
     "flight.mcap": "a trace of one's own",
     "--design gain.json": "this design is not proved across outages",
-    "--recording": "a log of one's own",
+    "modem.log": "a log of one's own",
 }
 """Words of examples that nobody can follow here, and why."""
 OTHER_CODES = {"trace diff": 1, "trace recover": 3, "migrate --check": 1}
