@@ -66,25 +66,22 @@ class Row(NamedTuple):
         column: str,
         largest: Decimal = _LARGEST,
         unit: Unit = "s",
-        hint: str | None = None,
     ) -> int:
         """Return a cell of a decimal time in nanoseconds, to the nearest, ties to even.
-
-        hint : what to do about a cell that is none.
 
         Raises
         ------
         InputError : no finite number, or one beyond `largest` seconds.
         """
         text = self.cells[column]
-        time = self._decimal(column, f"{UNIT_WORDS[unit]}, as a decimal number", hint)
+        time = self._decimal(column, f"{UNIT_WORDS[unit]}, as a decimal number")
         if not time.is_finite() or time.copy_abs() > largest.scaleb(9 - DIGITS[unit]):
             raise InputError(
                 "the time is out of range",
                 where=self.where(column),
                 expected=f"up to {largest:g} s",
                 got=text if unit == "s" else f"{text} {unit}",
-                hint=hint or "times are in seconds and count from the start of the run",
+                hint="times are in seconds and count from the start of the run",
             )
         # far below a nanosecond the result is 0, but scaling would need many digits
         if time.adjusted() < -_LONGEST:
@@ -130,7 +127,7 @@ class Row(NamedTuple):
             )
         return found
 
-    def _decimal(self, column: str, expected: str, hint: str | None = None) -> Decimal:
+    def _decimal(self, column: str, expected: str) -> Decimal:
         text = self.cells[column]
         plain = text if len(text) <= _LONGEST else ""
         comma = "," in plain and self.decimal != "."
@@ -144,7 +141,6 @@ class Row(NamedTuple):
                 where=self.where(column),
                 expected=expected + (", with a decimal comma" if self.decimal == "," else ""),
                 got=repr(text[:_LONGEST]) if text else "nothing",
-                hint=hint,
             ) from error
         if self.decimal is None and "." in plain:
             self._only("decimal commas", "decimal points", column, comma)

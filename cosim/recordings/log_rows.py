@@ -103,15 +103,22 @@ class LogRows:
         return iso
 
     def _number_ns(self, row: Row, column: str) -> int:
-        text, unit = row.cells[column], self._unit_of(column)
-        hint = "a time is a number, or in ISO 8601: 2024-05-01T12:00:00.25Z"
-        with_unit = self._fitting_unit(text, unit)
+        try:
+            return row.nanoseconds(column, _CLOCK, self._unit_of(column))
+        except InputError as error:
+            error.hint = self._mend(row.cells[column], column)
+            error.args = (error.text(),)
+            raise
+
+    def _mend(self, text: str, column: str) -> str:
+        """Return what to do about a cell that is no time, or none in range."""
+        with_unit = self._fitting_unit(text, self._unit_of(column))
         if with_unit is not None:
-            hint = f"is this in {with_unit}? give {self.log_format.named(unit=with_unit)}"
-        elif column == self.columns.became and text:
+            return f"is this in {with_unit}? give {self.log_format.named(unit=with_unit)}"
+        if column == self.columns.became and text:
             markers = (*(self.log_format.lost or ()), text)
-            hint = f"if it means lost: {self.log_format.named(lost=markers)}"
-        return row.nanoseconds(column, _CLOCK, unit, hint)
+            return f"if it means lost: {self.log_format.named(lost=markers)}"
+        return "a time is a number, or in ISO 8601: 2024-05-01T12:00:00.25Z"
 
     def _unit_of(self, column: str, before: str = "") -> Unit:
         """Return the unit of numbers in a column; one that is given comes before the header's."""
@@ -140,7 +147,7 @@ class LogRows:
         if text in _LOST:
             return True
         # an instant of a clock may be -1; that is before the sending of all but the first ones
-        if not _same(text, "-1"):
+        if text[0] != "-" or not _same(text, "-1"):
             return False
         return self.columns.form == "delay" or self._before(row)
 
