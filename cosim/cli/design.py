@@ -24,6 +24,7 @@ from cosim.cli.arguments import (
 )
 from cosim.cli.common import (
     JsonOption,
+    alternatives_named,
     answer,
     output_file,
     progress,
@@ -276,7 +277,13 @@ def design(
     goal = named.gamma if gamma is None else gamma
     condition = order_of(order, AUTO, THEOREM_2)
     greatest: hinf.GreatestDelay | None = None
-    with progress() as report_progress, _refutation_saved(save_refutation):
+    # those of integrals are no numbers of --delays
+    other_delays = "--delays" if integral is None else None
+    with (
+        progress() as report_progress,
+        _refutation_saved(save_refutation),
+        alternatives_named(other_delays),
+    ):
         report_progress(f"design of {name}", 0.0)
         if max_delay:
             if gain is not None:

@@ -234,14 +234,22 @@ class NotAchievableError(CosimError):
         gamma > 5 True
 
     `certificate` : the exact proof of infeasibility, for `check_certificate`, if there is one.
+    `delays`, `gamma` : what `hint` names in words: every delay of the system [s], or a bound, with
+    which the same call is certified; None where none was found, or looked for.
     """
 
     exit_code = 5
 
     def __init__(
-        self, what: str, *, certificate: dict[str, Any] | None = None, **more: str | None
+        self,
+        what: str,
+        *,
+        certificate: dict[str, Any] | None = None,
+        delays: tuple[float, ...] | None = None,
+        gamma: float | None = None,
+        **more: str | None,
     ) -> None:
-        self.certificate = certificate
+        self.certificate, self.delays, self.gamma = certificate, delays, gamma
         super().__init__(what, **more)
 
 

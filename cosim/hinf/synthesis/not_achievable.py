@@ -24,35 +24,39 @@ from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_err
 from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem
 
-_OTHER_SCALARS = "another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope"
-_NO_ROUTE_LEFT = (
-    "a larger gamma (--gamma), a shorter delay, a smaller envelope, weaker constraints, or other "
-    "units for states, inputs and time"
+_OTHER_SCALARS = "another k1, k2 (start from k1 = -k2), or none, so that they are searched"
+NO_ROUTE_LEFT = (
+    "a larger gamma, a shorter delay, weaker constraints, or other units for states, inputs and "
+    "time"
 )
+"""What to try after every route, where nothing is known of what was asked."""
 _NOTHING = 1e-6  # a least gamma below this, in inner units, counts as zero
 
 
-def none_succeeded(errors: Sequence[tuple[str, NotAchievableError]]) -> NotAchievableError:
-    """Return the error of the first route, with those of the others and the first refutation.
+def none_succeeded(
+    errors: Sequence[tuple[str, NotAchievableError]], hint: str = NO_ROUTE_LEFT
+) -> NotAchievableError:
+    """Return the error of the first route, with the names of the others and the first refutation.
 
     errors : one or more, each with the name of its route.
+    hint : what to try where there are several.
     """
-    first = errors[0][1]
+    name, first = errors[0]
     if len(errors) == 1:
         return first
     others = [
-        f"{name}: {error.what}"
+        other
         # how near another route came
         + (f" ({error.got})" if "least that was found" in str(error.got) else "")
-        for name, error in errors[1:]
+        for other, error in errors[1:]
     ]
     proofs = [error.certificate for _, error in errors if error.certificate is not None]
     return NotAchievableError(
         first.what,
         where=first.where,
         expected=first.expected,
-        got=f"{first.got or first.what}; tried as well: {'; '.join(others)}",
-        hint=_NO_ROUTE_LEFT,
+        got=f"no proof by {name} ({first.got or first.what}), nor by {', '.join(others)}",
+        hint=hint,
         certificate=next(iter(proofs), None),
     )
 
@@ -110,7 +114,8 @@ def gamma_below_least(
         f"gamma = {gamma:g} {verb} reached with these k1, k2",
         where=system.name or None,
         expected=f"gamma >= {least.value:.6g}, the least that the solver finds at {_at(p)}",
-        got=f"{gamma:g}" + ("" if proof is None else "; proved: the LMI has no solution there"),
+        got=f"gamma = {gamma:g}, below it"
+        + ("" if proof is None else "; proved: the LMI has no solution there"),
         hint="another k1, k2: the least gamma depends on them strongly",
         certificate=proof,
     )
