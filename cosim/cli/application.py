@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import signal
 import sys
 from contextlib import suppress
@@ -187,7 +188,24 @@ def _hint(error: Any, path: str) -> str:
     return f"{meant}; {path} --help" if known else f"{path} --help"
 
 
+_ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
+"""An argument as a message names it, which a caller in Python reads as well."""
+
+
+def _with_options(error: CosimError) -> CosimError:
+    """Name the options for the arguments in backticks: `gain_limit` becomes --gain-limit."""
+
+    def named(text: str | None) -> str | None:
+        if text is None:
+            return None
+        return _ARGUMENT.sub(lambda match: f"--{match[1].replace('_', '-')}", text)
+
+    parts = {key: named(getattr(error, key)) for key in ("where", "expected", "hint")}
+    return CosimError(error.what, got=error.got, **parts)
+
+
 def _complain(error: CosimError, code: int, *, as_json: bool) -> None:
+    error = _with_options(error)
     if as_json:
         content = error.to_json() | {"exit_code": code}
         with suppress(OSError, ValueError):  # where nothing can be printed the exit code says it

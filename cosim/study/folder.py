@@ -92,7 +92,7 @@ class Folder:
                 "the folder of the study cannot be written",
                 where=str(self.path),
                 got=str(error),
-                hint="another folder: --out",
+                hint="another folder: `out`",
             ) from error
         try:
             _lock(self._lock, self.path)
@@ -284,7 +284,7 @@ def _run_log_of(manifest: dict[str, Any]) -> str:
 def _lock(run_log: Any, path: Path) -> None:
     if not lock_file(run_log):
         raise InputError(
-            "another process is running this study", where=str(path), hint="another folder: --out"
+            "another process is running this study", where=str(path), hint="another folder: `out`"
         )
 
 
@@ -296,5 +296,5 @@ def _another(path: Path, before: dict[str, Any], manifest: dict[str, Any]) -> In
         where=str(path),
         expected=f"the same {', '.join(changed) or 'study'} as when the study was started",
         got=f"{before['study'].get('title')!r}, {before['count']} runs",
-        hint="another folder: --out; or --fresh, which deletes the results here",
+        hint="another folder: `out`; or `fresh`, which deletes the results here",
     )

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from cosim.core import InputError, NotAchievableError, at_least, at_most, report
 from cosim.hinf.lmi import FAILED, OTHER_UNITS, without_performance
-from cosim.hinf.problem import DesignConstraints, with_delays
+from cosim.hinf.problem import DesignConstraints, ages_are_known, of_any_age, with_delays
 from cosim.hinf.synthesis.analysis import gain_of
 from cosim.hinf.synthesis.certified_delays import certified_age
 from cosim.hinf.synthesis.constrained_search import describe_constraints
@@ -38,6 +38,8 @@ from cosim.models import DelaySystem
 
 _SHARES = (0.97, 0.8, 0.5)
 """Delays to design for, as shares of the greatest that a search finds."""
+_IF_KNOWN = 1.5
+"""The same first, where more is known of an age than its bound: the search is for any age."""
 _ABOVE = (0.0, 0.01, 0.1)
 """Gammas to ask for, above the least one that was proved without asking for one."""
 _BISECTIONS = 3
@@ -252,7 +254,8 @@ def _delays_to_have(
         return share, ""
 
     greatest = _estimated_share(refused, varied)
-    shares = [] if greatest is None else [greatest * x for x in _SHARES]
+    tried = (_IF_KNOWN, *_SHARES) if ages_are_known(system) else _SHARES
+    shares = [] if greatest is None else [greatest * x for x in tried]
     share = first_proved([x for x in shares if least_share < x < 1.0], prove)[0]
     if share is not None:
         return at(share), None
@@ -304,6 +307,7 @@ def _estimated_share(refused: RefusedDesign, varied: Sequence[int]) -> float | N
         )
         return None if age is None else age / limit
     conditions = [refused.order]
+    system = of_any_age(system)  # far fewer problems than with what is known of the ages
     if refused.order == "auto" and system.delays[index].any_age:
         conditions.append(0)  # it follows a gain where the scalars of Theorem 2 end
     greatest = 0.0
