@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from cosim.core import InputError, NotAchievableError, at_least, at_most, report
 from cosim.hinf.lmi import FAILED, OTHER_UNITS, without_performance
 from cosim.hinf.problem import DesignConstraints, ages_are_known, of_any_age, with_delays
-from cosim.hinf.synthesis.analysis import gain_of
+from cosim.hinf.synthesis.analysis import Order, analyse, gain_of
 from cosim.hinf.synthesis.certified_delays import certified_age
 from cosim.hinf.synthesis.constrained_search import describe_constraints
 from cosim.hinf.synthesis.designs import GammaFloorError
@@ -143,7 +143,8 @@ def _hint(can: Alternatives, refused: RefusedDesign, error: NotAchievableError) 
         have.append(f"gamma = {can.gamma:g}, which is certified{_for_delays(refused.system)}")
     if can.delays is not None:
         shorter = described_delays(refused.system, can.delays)
-        have.append(f"{shorter}, with which {'it' if _goal(refused) else 'a gain'} is certified")
+        it = "it" if _goal(refused) or refused.gain is not None else "a gain"
+        have.append(f"{shorter}, with which {it} is certified")
     return ", or ".join(have or _changes(refused, error))
 
 
@@ -159,7 +160,7 @@ def _changes(refused: RefusedDesign, error: NotAchievableError) -> list[str]:
         else:
             changes.append(f"weaker constraints than {words}: without any it is certified")
     if refused.gain is not None:
-        changes.append("no gain, so that one is designed")
+        changes.append("another gain: a design finds one where there is one")
     if refused.has_scalars:
         changes.append("no k1 and k2, so that they are searched")
     if not changes or FAILED in f"{error.what} {error.got}":
@@ -170,6 +171,26 @@ def _changes(refused: RefusedDesign, error: NotAchievableError) -> list[str]:
 def what_else(system: DelaySystem) -> str:
     """Return what to change of a system that no gamma and no delay helps."""
     return "less uncertainty (E, H)" if system.E.size else OTHER_UNITS
+
+
+def with_alternatives_to(
+    undecided: Result, gamma: float | None, order: Order
+) -> NotAchievableError:
+    """Return the error of an analysis without a proof, with what can be certified of its gain.
+
+    gamma, order : as they were asked of `analyse`.
+    """
+    system, K = undecided.system, undecided.K
+    gain = K if K.any() else None
+
+    def design_at(there: DelaySystem, bound: float | None, _: DesignConstraints) -> Result:
+        found = analyse(there, gain, bound, order=order)
+        if not found.certified:
+            raise NotAchievableError(str(found.reason))
+        return found
+
+    refused = RefusedDesign(system, gamma, None, None, order, K, DesignConstraints(), design_at)
+    return with_alternatives(NotAchievableError(str(undecided.reason)), refused)
 
 
 def alternatives_of(refused: RefusedDesign) -> Alternatives:

@@ -79,12 +79,12 @@ def no_feasible_gamma(
     bare = without_performance(system)
     proof = None if given else refute(bare, Problem(bare), p, None)
     if proof is not None:
-        what = "the LMI has no solution for any gamma"
-        reason = "proved: the LMI of stability alone has none at these k1, k2 and delays"
+        what = "the LMI of Theorem 2 has no solution for any gamma"
+        reason = "proved: the LMI of stability alone has none at these delays"
     else:
         what = reason = not_found({solution.solver_message: 1})
         if FAILED not in reason:
-            what = "no solution of the LMI was found for any gamma"
+            what = "no solution of the LMI of Theorem 2 was found for any gamma"
     return NotAchievableError(
         what,
         where=system.name or None,
@@ -111,7 +111,7 @@ def gamma_below_least(
         return None
     verb = "was not" if proof is None else "cannot be"
     return NotAchievableError(
-        f"gamma = {gamma:g} {verb} reached with these k1, k2",
+        f"gamma = {gamma:g} {verb} reached by Theorem 2",
         where=system.name or None,
         expected=f"gamma >= {least.value:.6g}, the least that the solver finds at {_at(p)}",
         got=f"gamma = {gamma:g}, below it"
@@ -168,9 +168,9 @@ def not_certified(
         proof = refute(system, Problem(system), p, max(bounds, default=None))
     goal = f"gamma <= {max(bounds):.6g}" if bounds else "stability"
     return NotAchievableError(
-        "no solution of the LMI could be certified"
+        "no solution of the LMI of Theorem 2 could be certified"
         if proof is None
-        else f"the LMI has no solution for {goal} with these k1, k2",
+        else f"the LMI of Theorem 2 has no solution for {goal}",
         where=system.name or None,
         expected=f"an exact proof of {goal} at {_at(p)}",
         got=reason if proof is None else "proved: the LMI has no solution there",
