@@ -138,7 +138,7 @@ def alternatives_named(delays: str | None) -> Iterator[None]:
         if error.delays is not None and delays is not None:
             options.append(f"{delays} {','.join(map(repr, error.delays))}")
         if options:
-            error.hint = f"{error.hint}: {' or '.join(options)}"
+            error.hint = f"{error.hint}: {(' ' if error.together else ' or ').join(options)}"
         raise
 
 

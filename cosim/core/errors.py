@@ -235,7 +235,8 @@ class NotAchievableError(CosimError):
 
     `certificate` : the exact proof of infeasibility, for `check_certificate`, if there is one.
     `delays`, `gamma` : what `hint` names in words: every delay of the system [s], or a bound, with
-    which the same call is certified; None where none was found, or looked for.
+    which the same call is certified; None where none was found, or looked for. Each alone will
+    do, or both are needed `together`.
     """
 
     exit_code = 5
@@ -247,9 +248,11 @@ class NotAchievableError(CosimError):
         certificate: dict[str, Any] | None = None,
         delays: tuple[float, ...] | None = None,
         gamma: float | None = None,
+        together: bool = False,
         **more: str | None,
     ) -> None:
-        self.certificate, self.delays, self.gamma = certificate, delays, gamma
+        self.certificate = certificate
+        self.delays, self.gamma, self.together = delays, gamma, together
         super().__init__(what, **more)
 
 

@@ -243,8 +243,8 @@ def _none_proved(
 
     no_more = DesignConstraints()
     can = alternatives_of(RefusedDesign(youngest, gamma, k1, k2, "auto", gain, no_more, design_at))
-    hints = [] if can.gamma is None else [f"gamma = {can.gamma:g}, certified at {ages[0]:g} s"]
     age = None if can.delays is None else can.delays[index]
+    hints = [] if can.gamma is None else [f"gamma = {can.gamma:g}, which is certified"]
     hints += [] if age is None else [f"an age of {age:g} s, which is certified"]
     got = str(reason)
     if can.least is not None:
@@ -254,9 +254,10 @@ def _none_proved(
         where=youngest.name or None,
         expected=f"messages of {' or '.join(f'{age:g}' for age in ages)} s to be young enough",
         got=got,
-        hint=", or ".join(hints) or what_else(youngest),
+        hint=(", and " if can.together else ", or ").join(hints) or what_else(youngest),
         delays=None if age is None else (age,),
         gamma=can.gamma,
+        together=can.together,
     )
 
 

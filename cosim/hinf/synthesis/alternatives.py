@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Literal
 
@@ -90,11 +90,13 @@ class Alternatives:
     ----------
     gamma : that can be had at the delays that were asked for; None: none was found.
     delays : that can be had with what was asked for, all of the system [s].
+    together : whether it takes both.
     least : where none can, the delays that were tried last; None otherwise.
     """
 
     gamma: float | None = None
     delays: tuple[float, ...] | None = None
+    together: bool = False
     least: tuple[float, ...] | None = None
 
 
@@ -124,6 +126,7 @@ def with_alternatives(error: NotAchievableError, refused: RefusedDesign) -> NotA
         certificate=error.certificate,
         delays=can.delays,
         gamma=can.gamma,
+        together=can.together,
     )
 
 
@@ -138,6 +141,9 @@ def _above_the_floor(error: GammaFloorError, refused: RefusedDesign) -> NotAchie
 
 def _hint(can: Alternatives, refused: RefusedDesign, error: NotAchievableError) -> str:
     """Return what can be had, else what to change."""
+    if can.together and can.delays is not None:
+        shorter = described_delays(refused.system, can.delays)
+        return f"{shorter} and gamma = {can.gamma:g}, which is certified"
     have = []
     if can.gamma is not None:
         have.append(f"gamma = {can.gamma:g}, which is certified{_for_delays(refused.system)}")
@@ -201,7 +207,11 @@ def alternatives_of(refused: RefusedDesign) -> Alternatives:
         return Alternatives(gamma)
     report("looking for a delay that can be certified", 0.0)
     delays, least = _delays_to_have(refused, varied)
-    return Alternatives(gamma, delays, least)
+    if gamma is None and delays is None and refused.gamma is not None:
+        both = _both_to_have(refused, varied)
+        if both is not None:
+            return Alternatives(*both, together=True)
+    return Alternatives(gamma, delays, least=least)
 
 
 def varied_delays(system: DelaySystem) -> list[int]:
@@ -233,7 +243,20 @@ def _goal(refused: RefusedDesign) -> str:
     return f" with {' and '.join(goals)}" if goals else ""
 
 
+def _both_to_have(
+    refused: RefusedDesign, varied: Sequence[int]
+) -> tuple[float, tuple[float, ...]] | None:
+    """Return a gamma and delays with which a gain is certified; None where none were found."""
+    delays, _ = _delays_to_have(replace(refused, gamma=None), varied)
+    if delays is None:
+        return None
+    there = replace(refused, system=with_delays(refused.system, delays))
+    gamma = _gamma_to_have(there)
+    return None if gamma is None else (gamma, delays)
+
+
 def _gamma_to_have(refused: RefusedDesign) -> float | None:
+    """Return a gamma that is certified when it is asked for; None where none was found."""
     if refused.gamma is None:
         return None
     try:
