@@ -12,6 +12,7 @@ from contextlib import suppress
 from typing import Annotated, Any
 
 import typer
+import typer.main
 
 from cosim.cli.first_hour import FIRST_HOUR
 from cosim.cli.help_text import HelpTyper
@@ -87,6 +88,8 @@ def _left(end: SystemExit, *, as_json: bool) -> Any:
 def _failed(error: BaseException, *, as_json: bool) -> int:
     """Say what is wrong; return the exit code."""
     if isinstance(error, CosimError):
+        if error.hint is None and isinstance(error, InputError):
+            error.hint = f"{_command()} --help"
         _complain(error, error.exit_code, as_json=as_json)
         return error.exit_code
     if isinstance(error, _UsageError):
@@ -153,6 +156,19 @@ def _misused(error: Any, *, as_json: bool) -> int:
         wrong = InputError(_plain(error.format_message()), where=path, hint=_hint(error, path))
         _complain(wrong, wrong.exit_code, as_json=as_json)
     return InputError.exit_code
+
+
+def _command() -> str:
+    """Return the words of the command line that name the command."""
+    node: Any = typer.main.get_command(app)
+    words = ["cosim"]
+    for word in sys.argv[1:]:
+        if word not in getattr(node, "commands", {}):
+            break
+        words.append(word)
+        context = node.context_class(node, info_name=node.name)
+        node = node.resolve_command(context, [word])[1]
+    return " ".join(words)
 
 
 _PLAIN = {

@@ -102,7 +102,7 @@ class InputError(CosimError, ValueError):
             f"there is no {kind} {name!r}",
             where=where,
             expected=listed or "nothing: there is none",
-            hint=near or hint,
+            hint=near or hint or (f"one of these, such as {names[0]}" if names else None),
         )
 
 

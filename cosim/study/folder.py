@@ -213,7 +213,11 @@ def read_manifest(path: Path) -> dict[str, Any]:
         found = json.loads(file.read_text("utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(
-            "not the folder of a study", where=str(path), expected=str(file), got=str(error)
+            "not the folder of a study",
+            where=str(path),
+            expected=str(file),
+            got=str(error),
+            hint="the folder that cosim study run wrote: studies/NAME",
         ) from error
     if not isinstance(found, dict) or not {"digest", "study", "count"} <= set(found):
         raise InputError("not the manifest of a study", where=str(file))
