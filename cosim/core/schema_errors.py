@@ -193,7 +193,9 @@ def _brackets_and_quotes(wrong: str, value: Any, key: str) -> str | None:
 
 
 def _one_of(value: Any, choices: list[str]) -> str:
-    return did_you_mean(difflib.get_close_matches(str(value), choices, n=2)) or f'"{choices[0]}"'
+    return did_you_mean(difflib.get_close_matches(str(value), choices, n=2)) or (
+        f'one of these, such as "{choices[0]}"'
+    )
 
 
 def number_in_quotes(text: str) -> str | None:

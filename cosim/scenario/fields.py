@@ -126,6 +126,10 @@ _INSTEAD: Mapping[tuple[str, str], str] = MappingProxyType(
             (("design", word) for word in _MATRICES),
             'matrices are in the file of a system: system = "my-system.toml"',
         ),
+        **dict.fromkeys(
+            ((word, word) for word in ("record", "recording", "outputs", "logging")),
+            "every signal is recorded: leave it out",
+        ),
         **{("assertions", word): _CONDITION for word in ("signal", "max", "min", "limit", "never")},
         **{("connections", word): _OF_A_LINK for word in ("delay", "latency", "loss", "jitter")},
         **dict.fromkeys(
@@ -160,6 +164,8 @@ class Part(core.Part):
             case _, (*_, "jitter") if not isinstance(value, dict):
                 width = f'"{value}"' if isinstance(value, str) else value
                 hint = f'jitter = {{ kind = "uniform", width = {width} }}'
+            case "value_error", ("events", int()) if "stop" not in value:
+                hint = 'as in at = 1.0, for = 0.5, outage = ["up"]'
             case "string_pattern_mismatch", ("connections", _, "from" | "to"):
                 hint = f'the variable with its component: "{value}.x"'
             case _ if "parameters" in path[:-1] and isinstance(value, dict):

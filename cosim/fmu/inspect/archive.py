@@ -208,7 +208,7 @@ def open_archive(path: Path, sha256: str | None = None) -> CheckedArchive:
 
 def _content(path: Path, *, described: bool) -> bytes:
     if not (described or path.is_file()):
-        hint = similar_files(path) or f"a path from this folder; not {path.name} alone"
+        hint = similar_files(path) or "look at its path: it starts from this folder"
         raise InputError("no such FMU", where=str(path), hint=hint)
     try:
         return path.read_bytes()

@@ -274,6 +274,7 @@ class SystemFile(Part):
         {
             **dict.fromkeys(("measurements.age", "measurements.delay"), "d"),
             **dict.fromkeys(("gammamax", "hinfnorm", "bound"), "design.gamma"),
+            **dict.fromkeys(("sys", "plant", "model", "matrices"), "system"),
             "alpha": "decay",
             "rateofdecay": "decay",
         }
