@@ -48,17 +48,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def complaint(result: Result, place: str, words: str) -> str | None:
-    """Return what is said of a mistake where that is not what it must say; None where it is."""
-    said = result.out + result.err
-    first = next((line for line in said.splitlines() if line.strip()), "")
+    """Return what a command prints; None where that names the place and says what to do."""
+    text = result.out + result.err
+    first = next((line for line in text.splitlines() if line.strip()), "")
     right = (
         result.code in (1, 2)
-        and "Traceback" not in said
-        and "unexpected" not in said
+        and "Traceback" not in text
+        and "unexpected" not in text
         and place in first
-        and any(line.strip().startswith("try:") and words in line for line in said.splitlines())
+        and any(line.strip().startswith("try:") and words in line for line in text.splitlines())
     )
-    return None if right else said
+    return None if right else text
 
 
 @pytest.mark.parametrize("kind", FILES)
@@ -69,9 +69,9 @@ def test_a_mistake_in_a_file_says_what_to_do(kind: str, folder: Path, fmus: Path
     for old, new, place, words in MISTAKES[kind]:
         assert old in RIGHT[kind]
         path.write_text(RIGHT[kind].replace(old, new, 1), "utf-8")
-        said = complaint(cosim(*CHECKED_BY[kind], path.name, *more, cwd=folder), place, words)
-        if said is not None:
-            wrong[new] = (place, words, said)
+        text = complaint(cosim(*CHECKED_BY[kind], path.name, *more, cwd=folder), place, words)
+        if text is not None:
+            wrong[new] = (place, words, text)
     path.write_text(RIGHT[kind], "utf-8")
     assert not wrong
 
@@ -80,9 +80,9 @@ def test_a_mistake_in_a_command_says_what_to_do(folder: Path) -> None:
     """A file that is missing, empty, of another kind, a folder; an option that cannot be."""
     wrong = {}
     for line, words in MISTAKES["commands"]:
-        said = complaint(cosim(*line.split(), cwd=folder), "", words)
-        if said is not None:
-            wrong[line] = (words, said)
+        text = complaint(cosim(*line.split(), cwd=folder), "", words)
+        if text is not None:
+            wrong[line] = (words, text)
     assert not wrong
 
 
@@ -92,13 +92,14 @@ def test_a_key_that_is_meant_is_one(folder: Path, fmus: Path) -> None:
     for old, new, _, words in MISTAKES["scenario"]:
         key, equals, value = new.partition(" = ")
         meant = re.fullmatch(r"did you mean (\w+)\?", words)
-        if meant is None or not equals or not re.fullmatch(r"\w+", key) or "\n" in new:
+        renamed = equals and re.fullmatch(r"\w+", key) and key != old.partition(" = ")[0]
+        if meant is None or not renamed or "\n" in new:
             continue
         text = RIGHT["scenario"].replace(old, f"{meant[1]} = {value}", 1)
         (folder / "meant.toml").write_text(text, "utf-8")
         check = ("scenario", "check", "meant.toml", "--fmus", str(fmus.parent))
-        said = cosim(*check, cwd=folder)
-        if "there is no key" in said.out + said.err:
+        checked = cosim(*check, cwd=folder)
+        if "there is no key" in checked.out + checked.err:
             wrong[new] = words
     assert not wrong
 

@@ -190,10 +190,10 @@ def with_alternatives_to(
     gain = K if K.any() else None
 
     def design_at(there: DelaySystem, bound: float | None, _: DesignConstraints) -> Result:
-        found = analyse(there, gain, bound, order=order)
-        if not found.certified:
-            raise NotAchievableError(str(found.reason))
-        return found
+        analysis = analyse(there, gain, bound, order=order)
+        if not analysis.certified:
+            raise NotAchievableError(str(analysis.reason))
+        return analysis
 
     refused = RefusedDesign(system, gamma, None, None, order, K, DesignConstraints(), design_at)
     return with_alternatives(NotAchievableError(str(undecided.reason)), refused)
@@ -357,11 +357,11 @@ def _estimated_share(refused: RefusedDesign, varied: Sequence[int]) -> float | N
     greatest = 0.0
     for order in conditions:
         with suppress(NotAchievableError, InputError):
-            found = greatest_delay(
+            longest = greatest_delay(
                 *(system, gamma, refused.k1, refused.k2),
                 delay_index=index,
                 limit=limit,
                 order=order,
             )
-            greatest = max(greatest, found.delay or 0.0)
+            greatest = max(greatest, longest.delay or 0.0)
     return greatest / limit or None

@@ -34,9 +34,9 @@ def name_younger(
     if gamma is not None:
         error.gamma = _gamma_to_have(measurements, command_age, gamma, design_with)
         have += [] if error.gamma is None else [f"gamma = {error.gamma:g}, which is certified"]
-    found = first_younger(measurements, command_age, lambda m, age: design_with(m, age, gamma))
-    if found is not None:
-        have.append(f"{found}, with which it is certified")
+    younger = first_younger(measurements, command_age, lambda m, age: design_with(m, age, gamma))
+    if younger is not None:
+        have.append(f"{younger}, with which it is certified")
     elif any(x.d > 0 for x in measurements) or command_age > 0:
         error.got = f"{error.got}; nor is it with ages of {_SHARES[-1]:g} of these"
     if have:
