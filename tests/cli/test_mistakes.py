@@ -50,12 +50,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def complaint(result: Result, place: str, words: str) -> str | None:
     """Return what a command prints; None where that names the place and says what to do."""
     text = result.out + result.err
-    first = next((line for line in text.splitlines() if line.strip()), "")
+    begin = "\n".join(text.splitlines()[:2])  # a check says first how many mistakes there are
     right = (
         result.code in (1, 2)
         and "Traceback" not in text
         and "unexpected" not in text
-        and place in first
+        and place in begin
         and any(line.strip().startswith("try:") and words in line for line in text.splitlines())
     )
     return None if right else text
