@@ -130,7 +130,7 @@ class Variations:
             return ScenarioPart.model_validate(data)
         except ValidationError as error:
             first = refusals(ScenarioPart, error, data, Origin(()))[0]
-            first.what = f"the varied scenario is not allowed: {first.what}"
+            first.what = "the varied scenario is not allowed"
             first.args = (first.text(),)
             raise first from error
 
