@@ -13,6 +13,7 @@ from cosim.cli.age_view import age_json, age_line, age_view, draw_ages
 from cosim.cli.arguments import gain_from, named_problem, numbers
 from cosim.cli.common import (
     JsonOption,
+    alternatives_named,
     answer,
     output_file,
     progress,
@@ -127,7 +128,7 @@ def age(
         least = modem.least if chosen != "constant" else 0.0
         own_age = modem.greatest if chosen != "constant" else modem.least
         wanted = wanted or _ages_of(modem, own_age)
-    with progress() as report_progress:
+    with progress() as report_progress, alternatives_named("--ages"):
         found = hinf.message_ages(
             named.system,
             named.k1,

@@ -5,12 +5,14 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import signal
 import sys
 from contextlib import suppress
 from typing import Annotated, Any
 
 import typer
+import typer.main
 
 from cosim.cli.first_hour import FIRST_HOUR
 from cosim.cli.help_text import HelpTyper
@@ -86,6 +88,8 @@ def _left(end: SystemExit, *, as_json: bool) -> Any:
 def _failed(error: BaseException, *, as_json: bool) -> int:
     """Say what is wrong; return the exit code."""
     if isinstance(error, CosimError):
+        if error.hint is None and isinstance(error, InputError):
+            error.hint = f"{_command()} --help"
         _complain(error, error.exit_code, as_json=as_json)
         return error.exit_code
     if isinstance(error, _UsageError):
@@ -154,6 +158,19 @@ def _misused(error: Any, *, as_json: bool) -> int:
     return InputError.exit_code
 
 
+def _command() -> str:
+    """Return the words of the command line that name the command."""
+    node: Any = typer.main.get_command(app)
+    words = ["cosim"]
+    for word in sys.argv[1:]:
+        if word not in getattr(node, "commands", {}):
+            break
+        words.append(word)
+        context = node.context_class(node, info_name=node.name)
+        node = node.resolve_command(context, [word])[1]
+    return " ".join(words)
+
+
 _PLAIN = {
     "Value error, ": "",
     "Input should be a valid number, unable to parse string as a number": "a number is expected, "
@@ -187,7 +204,24 @@ def _hint(error: Any, path: str) -> str:
     return f"{meant}; {path} --help" if known else f"{path} --help"
 
 
+_ARGUMENT = re.compile(r"`([a-z][a-z_]*)`")
+"""An argument as a message names it, which a caller in Python reads as well."""
+
+
+def _with_options(error: CosimError) -> CosimError:
+    """Name the options for the arguments in backticks: `gain_limit` becomes --gain-limit."""
+
+    def named(text: str | None) -> str | None:
+        if text is None:
+            return None
+        return _ARGUMENT.sub(lambda match: f"--{match[1].replace('_', '-')}", text)
+
+    parts = {key: named(getattr(error, key)) for key in ("where", "expected", "hint")}
+    return CosimError(error.what, got=error.got, **parts)
+
+
 def _complain(error: CosimError, code: int, *, as_json: bool) -> None:
+    error = _with_options(error)
     if as_json:
         content = error.to_json() | {"exit_code": code}
         with suppress(OSError, ValueError):  # where nothing can be printed the exit code says it

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from cosim.cli.progress_lines import ProgressLines
 from cosim.cli.terminal import TONES, commands, console
-from cosim.core import check_output, check_output_folder, reported_to
+from cosim.core import NotAchievableError, check_output, check_output_folder, reported_to
 
 FMUS = Path("fmus")
 TRACES = Path("traces")
@@ -123,6 +123,23 @@ def answer(
         screen.print(commands(*then), crop=False, soft_wrap=True)
     if view is not None:
         screen.print(view(), crop=False)
+
+
+@contextmanager
+def alternatives_named(delays: str | None) -> Iterator[None]:
+    """Name the options for what can be had in place of a refused design.
+
+    delays : the option for the delays that can be had; None: there is none.
+    """
+    try:
+        yield
+    except NotAchievableError as error:
+        options = [] if error.gamma is None else [f"--gamma {error.gamma:g}"]
+        if error.delays is not None and delays is not None:
+            options.append(f"{delays} {','.join(map(repr, error.delays))}")
+        if options:
+            error.hint = f"{error.hint}: {(' ' if error.together else ' or ').join(options)}"
+        raise
 
 
 @contextmanager

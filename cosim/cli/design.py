@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal
 
 import typer
 
@@ -24,6 +24,7 @@ from cosim.cli.arguments import (
 )
 from cosim.cli.common import (
     JsonOption,
+    alternatives_named,
     answer,
     output_file,
     progress,
@@ -276,7 +277,13 @@ def design(
     goal = named.gamma if gamma is None else gamma
     condition = order_of(order, AUTO, THEOREM_2)
     greatest: hinf.GreatestDelay | None = None
-    with progress() as report_progress, _refutation_saved(save_refutation):
+    # those of integrals are no numbers of --delays
+    other_delays = "--delays" if integral is None else None
+    with (
+        progress() as report_progress,
+        _refutation_saved(save_refutation),
+        alternatives_named(other_delays),
+    ):
         report_progress(f"design of {name}", 0.0)
         if max_delay:
             if gain is not None:
@@ -492,13 +499,27 @@ def analyse(
             found = hinf.analyse(system, K, gamma, order=condition, damping=damping, within=within)
         if outages and found.certified:
             found = hinf.synthesis.with_outages(found)
+        hint = None if found.certified else _instead(found, gamma, condition)
     saved = save if found.certified else None
     if saved is not None:
         write_json(saved, found.certificate)
     norm_file = _save_norm(save_norm, found)
     answer(
         as_json,
-        lambda: result_json(name, found, saved, greatest) | {"norm_certificate": norm_file},
-        lambda: result_view(name, found, greatest),
+        lambda: (
+            result_json(name, found, saved, greatest)
+            | {"norm_certificate": norm_file, "hint": hint}
+        ),
+        lambda: result_view(name, found, greatest, hint=hint),
         **verdict(name, found, saved, greatest),
     )
+
+
+def _instead(
+    undecided: hinf.Result, gamma: float | None, order: int | Literal["auto"]
+) -> str | None:
+    """Return what can be certified of a gain that is not as it was asked, with the options."""
+    refused = hinf.synthesis.with_alternatives_to(undecided, gamma, order)
+    with suppress(NotAchievableError), alternatives_named("--delays"):
+        raise refused
+    return refused.hint

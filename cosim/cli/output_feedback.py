@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from cosim import hinf
 from cosim.cli.arguments import write
-from cosim.cli.common import answer, progress
+from cosim.cli.common import alternatives_named, answer, progress
 from cosim.cli.result_json import result_json
 from cosim.cli.result_view import result_view, verdict
 from cosim.core import InputError
@@ -39,7 +39,7 @@ def answer_output_feedback(
             expected="no options but --gamma, --order N or auto, --save, --json",
             hint="a state feedback has the others: a system without [[measurements]]",
         )
-    with progress() as report_progress:
+    with progress() as report_progress, alternatives_named(None):
         report_progress(f"observer and gain of {name}", 0.0)
         found = hinf.design_output_feedback(
             named.system,

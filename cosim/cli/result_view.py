@@ -38,11 +38,14 @@ def result_view(
     greatest: hinf.GreatestDelay | None = None,
     nominal: float | None = None,
     remark: str | None = None,
+    *,
+    hint: str | None = None,
 ) -> RenderableType:
     """Show the gains, and what their proof rests on; where nothing is proved, why.
 
     nominal : gamma without uncertainty, if it was computed.
     remark : on the size of the gain.
+    hint : what can be proved instead, where nothing is.
     """
     remarks = [remark]
     if result.certificate is not None and result.K.any():
@@ -57,6 +60,7 @@ def result_view(
         *_greatest_delay_row(greatest),
     )
     why = [] if result.certified else [Text(f"{result.reason}")]
+    why += [] if hint is None else [Text(f"try: {hint}")]
     return Group(*why, *_gains(name, result), rows, *lines)
 
 

@@ -131,6 +131,7 @@ from .rounding import (
 )
 from .schema_errors import (
     all_refusals as all_refusals,
+    number_in_quotes as number_in_quotes,
     refusals as refusals,
     valid as valid,
     validated as validated,

@@ -102,7 +102,7 @@ class InputError(CosimError, ValueError):
             f"there is no {kind} {name!r}",
             where=where,
             expected=listed or "nothing: there is none",
-            hint=near or hint,
+            hint=near or hint or (f"one of these, such as {names[0]}" if names else None),
         )
 
 
@@ -234,14 +234,25 @@ class NotAchievableError(CosimError):
         gamma > 5 True
 
     `certificate` : the exact proof of infeasibility, for `check_certificate`, if there is one.
+    `delays`, `gamma` : what `hint` names in words: every delay of the system [s], or a bound, with
+    which the same call is certified; None where none was found, or looked for. Each alone will
+    do, or both are needed `together`.
     """
 
     exit_code = 5
 
     def __init__(
-        self, what: str, *, certificate: dict[str, Any] | None = None, **more: str | None
+        self,
+        what: str,
+        *,
+        certificate: dict[str, Any] | None = None,
+        delays: tuple[float, ...] | None = None,
+        gamma: float | None = None,
+        together: bool = False,
+        **more: str | None,
     ) -> None:
         self.certificate = certificate
+        self.delays, self.gamma, self.together = delays, gamma, together
         super().__init__(what, **more)
 
 

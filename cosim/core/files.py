@@ -47,9 +47,23 @@ def unreadable(
         what, reason = f"{what}: there is no such file", None
     else:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-    hint = (similar_files(path) if missing else None) or more.pop("hint", None)
-    more.pop("hint", None)
+    usual = more.pop("hint", None) or _what_to_do(error)
+    hint = (similar_files(path) if missing else None) or usual
     return InputError(what, where=str(path), got=reason, hint=hint, **more)
+
+
+def _what_to_do(error: OSError | ValueError) -> str:
+    """Return what to do about a file that cannot be read, by the reason alone."""
+    match error:
+        case IsADirectoryError():
+            return "this is a folder: name the file in it"
+        case PermissionError():
+            return "allow reading it: chmod u+r FILE"
+        case UnicodeError():
+            return "save it as UTF-8 text"
+        case OSError():
+            return "look at its path: it starts from the folder in which the command runs"
+    return "another file"
 
 
 def similar_files(path: Path) -> str | None:

@@ -23,15 +23,29 @@ def suggestion(word: str, table: KeyPath, model: type[Part]) -> str | None:
     """
     keys = [(place, name) for place, names in _tables_of(model) for name in names]
     own = keys_of_table(table, model)
-    meant = model.meant.get("".join(c for c in word.lower() if c.isalnum()), word)
-    near = [meant] if meant in own else nearest(word, own, most=1)
+    letters = "".join(c for c in word.lower() if c.isalnum())
+    first = next((f"{part}.{letters}" for part in table if isinstance(part, str)), letters)
+    meant = model.meant.get(first) or model.meant.get(letters, word)
+    near = [meant] if meant in own or "." in meant else nearest(word, own, most=1)
     if near:
         return did_you_mean(near)
-    # of other tables only what is nearly the same word: others only look alike
+    # of other tables only what is nearly the same word: others only look alike, and what a word
+    # of another tool is meant for depends on the table
+    wanted = word if table else meant
     names = {name for _, name in keys}
-    others = {meant} & names or {name for name in names if _alike(name, meant)}
+    others = {wanted} & names or {name for name in names if _alike(name, wanted)}
     places = sorted({".".join((*place, name)) for place, name in keys if name in others})
     return did_you_mean(sorted(places, key=lambda name: not name.startswith("run."))[:3])
+
+
+def example_of(path: KeyPath, model: type[Part]) -> str | None:
+    """Return how a key is written with a value that is allowed; None where no example is known."""
+    words = [part for part in path if isinstance(part, str)]
+    if not words:
+        return None
+    places = (f"{words[0]}.{words[-1]}", words[-1])
+    value = next((model.examples[place] for place in places if place in model.examples), None)
+    return None if value is None else f"{words[-1]} = {value}"
 
 
 def keys_of_table(table: KeyPath, model: type[Part]) -> list[str]:

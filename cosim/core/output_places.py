@@ -57,6 +57,7 @@ def output_place(path: Path, *, streams: bool = False) -> OutputPlace:
             f"the output is {kind or 'a stream of this process'}",
             where=str(path),
             expected="the name of a file",
+            hint=f"a file in it: {path / 'NAME'}" if kind == "a folder" else "another place",
         )
     if own is not None:
         return OutputPlace(path, os.dup(own))
@@ -142,7 +143,8 @@ def _named(what: str, path: Path) -> Iterator[None]:
         if isinstance(error, InputError):
             raise
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        raise InputError(what, where=str(path), got=reason) from error
+        hint = "another place, in a folder that is there and can be written"
+        raise InputError(what, where=str(path), got=reason, hint=hint) from error
 
 
 def _check_folder(folder: Path, path: Path) -> None:

@@ -33,7 +33,15 @@ class Part(BaseModel):
     )
 
     meant: ClassVar[Mapping[str, str]] = _NONE
-    """Words of other tools, in small letters without punctuation -> the key that is meant."""
+    """Words of other tools, in small letters without punctuation -> the key that is meant.
+
+    One that is meant in a table alone has its first name before it, as "events.start"; a key of
+    another table is written with its own, as "log.level".
+    """
+    examples: ClassVar[Mapping[str, str]] = _NONE
+    """Keys -> a value that is allowed, as it is written; "events.delay" of one table alone."""
+    described_by: ClassVar[str | None] = None
+    """What describes every key of such a file."""
     patterns: ClassVar[Mapping[str, str]] = _NONE
     """Regular expressions of texts -> what they ask for, in words."""
     lists_faults: ClassVar[str | None] = None

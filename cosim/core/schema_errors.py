@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from cosim.core.errors import InputError, did_you_mean, format_value
-from cosim.core.known_keys import keys_of_table, suggestion
+from cosim.core.known_keys import example_of, keys_of_table, suggestion
 from cosim.core.origin import KeyPath, Layer, Origin, dotted, placed
 from cosim.core.part import Part, PartType
 
@@ -32,9 +32,10 @@ def valid(model: type[PartType], data: Any, origin: Origin) -> PartType:
         return model.model_validate(data)
     except ValidationError as error:
         first, *more = refusals(model, error, data, origin)
-        if first.hint is None and more:
+        if more:
             command = f": {model.lists_faults}" if model.lists_faults else ""
-            first.hint = f"{len(more)} more after this one{command}"
+            others = f"{len(more)} more after this one{command}"
+            first.hint = others if first.hint is None else f"{first.hint}; {others}"
             first.args = (first.text(),)
         raise first from error
 
@@ -147,19 +148,60 @@ _PLAIN = {
 
 def _hint(model: type[Part], detail: Any, path: KeyPath, data: Any) -> str | None:
     """Suggest the nearest allowed words, the key that is meant, or how the value is written."""
+    advice = model.advice(detail["type"], path, detail["input"], data) or _by_type(
+        model, detail, path
+    )
+    if advice is None and detail["type"] != "extra_forbidden":
+        example = example_of(path, model)
+        advice = None if example is None else f"as in {example}"
+    if advice is None and model.described_by is not None:
+        advice = f"{model.described_by} describes every key"
+    return advice
+
+
+def _by_type(model: type[Part], detail: Any, path: KeyPath) -> str | None:
+    """Return what to do about a fault of this type."""
     value, wrong = detail["input"], detail["type"]
-    advice = model.advice(wrong, path, value, data)
-    if advice is not None:
-        return advice
+    if wrong == "extra_forbidden":
+        return suggestion(str(path[-1]), path[:-1], model)
+    if wrong == "literal_error":
+        words = [word.strip("'") for word in detail["ctx"]["expected"].split(" or ")]
+        return _one_of(value, [c.strip("' ") for word in words for c in word.split(",")])
+    if wrong == "union_tag_invalid":
+        tags = [tag.strip("' ") for tag in detail["ctx"]["expected_tags"].split(",")]
+        return _one_of(detail["ctx"]["tag"], tags)
+    return _brackets_and_quotes(wrong, value, dotted(path))
+
+
+def _brackets_and_quotes(wrong: str, value: Any, key: str) -> str | None:
+    """Return how a value of another type is written; None where that says nothing."""
+    hint = None
     match wrong:
-        case "literal_error":
-            words = [word.strip("'") for word in detail["ctx"]["expected"].split(" or ")]
-            choices = [c.strip("' ") for word in words for c in word.split(",")]
-            return did_you_mean(difflib.get_close_matches(str(value), choices, n=2))
-        case "extra_forbidden":
-            return suggestion(str(path[-1]), path[:-1], model)
         case "list_type" | "tuple_type" if isinstance(value, str):
-            return f'in brackets: ["{value}"]'
+            hint = f'in brackets: ["{value}"]'
         case "list_type" | "tuple_type" if isinstance(value, dict):
-            return f"double brackets: [[{dotted(path)}]]"
-    return None
+            hint = f"double brackets: [[{key}]]"
+        case "dict_type" if isinstance(value, list):
+            hint = f"a table for each, with its name: [{key}.NAME]"
+        case kind if kind in _NO_TABLE and isinstance(value, list):
+            hint = f"single brackets: [{key}]"
+        case "string_type" if isinstance(value, int | float):
+            hint = f'in quotes: "{value}"'
+        case _ if isinstance(value, str):
+            hint = number_in_quotes(value)
+    return hint
+
+
+def _one_of(value: Any, choices: list[str]) -> str:
+    return did_you_mean(difflib.get_close_matches(str(value), choices, n=2)) or (
+        f'one of these, such as "{choices[0]}"'
+    )
+
+
+def number_in_quotes(text: str) -> str | None:
+    """Return what to do about a text that is a number; None for another one."""
+    try:
+        float(text)
+    except ValueError:
+        return None
+    return f"a number is written without quotes: {text.strip()}"

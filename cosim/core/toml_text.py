@@ -35,11 +35,12 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
             f"malformed TOML: {reason[:1].lower()}{reason[1:]}",
             where=f"{where}:{line}",
             got=content,
-            hint=_hint(content),
+            hint=_hint(reason, content),
         ) from error
     except (ValueError, RecursionError) as error:
         # beyond the limits of the parser: an integer of thousands of digits, deep nesting
-        raise InputError("malformed TOML", where=where, got=str(error)) from error
+        hint = "numbers of fewer digits, and fewer brackets within brackets"
+        raise InputError("malformed TOML", where=where, got=str(error), hint=hint) from error
     finally:
         if collecting:
             gc.enable()
@@ -55,13 +56,35 @@ _HINTS = (
         rf"[^=]*=\s*{_NUMBER}\d\s*[*/^]{_NUMBER}",
         "a value is one number: write the result of the calculation",
     ),
+    (
+        r"[^=]*=\s*[-+]?\d+,\d+",
+        "a decimal point, as in 0.5; several values are a list: [1, 2]",
+    ),
     (r"[^=]*=\s*[-+]?[\d.]+\s*[A-Za-z%].*", 'a number with its unit is written in quotes: "50 ms"'),
     (r"[^=]*=\s*(?!true|false|inf|nan)[A-Za-z].*", "a text is written in quotes"),
     (r"(%|//|;).*", "a comment begins with #"),
+    (r"[\w.-]+\s*:.*", "a key and its value are joined by =, as in end = 10.0"),
+    (r"[^=]*=", "a value behind the =; a text is written in quotes"),
     (r"\{.*", "this looks like JSON: a design is JSON, systems and scenarios are TOML"),
 )
 """What a malformed line looks like, and what to do about it."""
 
 
-def _hint(content: str) -> str | None:
-    return next((hint for pattern, hint in _HINTS if re.fullmatch(pattern, content)), None)
+_REASONS = (
+    (r".*illegal character '\\n'.*|[Uu]nterminated string.*", "end the text with a quote"),
+    (
+        r"Cannot (overwrite a value|declare .* twice).*",
+        "each key once in its table, each table once; of several tables [[NAME]] each",
+    ),
+    (r"Unclosed (array|inline table).*|.*in an array.*", "a bracket that closes each one"),
+)
+"""Why the parser refuses, and what to do where the line itself does not say more."""
+_USUAL = 'a line is key = value, [table] or [[table]]; a text stands in quotes: "a text"'
+
+
+def _hint(reason: str, content: str) -> str:
+    known = (hint for pattern, hint in _HINTS if re.fullmatch(pattern, content))
+    usual = (hint for pattern, hint in _REASONS if re.fullmatch(pattern, reason))
+    if reason.startswith("Cannot"):
+        return next(usual, _USUAL)
+    return next(known, None) or next(usual, _USUAL)

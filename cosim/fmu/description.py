@@ -275,7 +275,11 @@ def _describe(path: Path, content: bytes, digest: str) -> FmuDescription:
         raise
     except BROKEN_ARCHIVE as error:
         raise InputError(
-            "not a valid FMU", where=str(path), expected="an FMU 1.0, 2.0 or 3.0", got=str(error)
+            "not a valid FMU",
+            where=str(path),
+            expected="an FMU 1.0, 2.0 or 3.0",
+            got=str(error),
+            hint="an FMU is a zip archive with modelDescription.xml; export or copy it again",
         ) from error
     if _interface_of(model).kind != "co-simulation":  # its variables can be read at any time
         ports = {name: replace(port, clocks=()) for name, port in ports.items()}

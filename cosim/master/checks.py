@@ -417,6 +417,9 @@ def _check_values(system: Parts, end: Endpoint, values: NDArray[np.float64]) -> 
 def _take(taken: dict[Endpoint, str], target: Endpoint, by: str) -> None:
     if target in taken:
         raise InputError(
-            "an input has two sources", where=str(target), got=f"{taken[target]}, and {by}"
+            "an input has two sources",
+            where=str(target),
+            got=f"{taken[target]}, and {by}",
+            hint="leave one out; add = true in both connections adds their values",
         )
     taken[target] = by

@@ -161,6 +161,7 @@ def make_schedule(
             where="run",
             expected="0 < step <= end",
             got=f"step {step_ns / 1e9:g} s, end {end_ns / 1e9:g} s",
+            hint=f"a smaller step, such as {end_ns / 1e11:g} s, or a later end",
         )
     if end_ns // step_ns > _MOST_POINTS:
         raise InputError(

@@ -235,7 +235,7 @@ class SessionBase(ABC):
             raise InputError(
                 "the session is closed",
                 where="Session",
-                hint="take values and result() inside its `with` block",
+                hint="take values and result() inside its with block",
             )
         if not self.opened:
             raise InputError("the session is not open", where="Session", hint=self._how_to_open)

@@ -407,7 +407,10 @@ class DelaySystem(Value):
 
         m = size("inputs (columns of B, D2)", 1, "B", "D2")
         if m and "B" not in given:
-            raise InputError(f"B: expected shape {(n, m)} beside D2, which weighs u; got no B")
+            raise InputError(
+                f"B: expected shape {(n, m)} beside D2, which weighs u; got no B",
+                hint="give B, a row per state, or leave D2 out",
+            )
         q = size("disturbances (columns of C, D1)", 1, "C", "D1")
         p = size("performance outputs (rows of D, D1, D2)", 0, "D", "D1", "D2")
         delays = _delays(delays, n)
@@ -421,7 +424,10 @@ class DelaySystem(Value):
         s = given["E"].shape[1] if "E" in given else 0
         if (r == 0) != (s == 0):
             got = "H without E" if s == 0 else "E without H"
-            raise InputError(f"uncertainty E F [H ...]: expected both factors, got {got}")
+            raise InputError(
+                f"uncertainty E F [H ...]: expected both factors, got {got}",
+                hint="E with as many rows as states, H with as many columns; or neither of them",
+            )
         shapes = ((n, n), (n, m), (n, q), (p, n), (p, q), (p, m), (n, s), (r, n))
         for key, shape in zip(values, shapes, strict=True):
             matrix = given[key] if key in given else read_only_matrix(key, np.zeros(shape), *shape)

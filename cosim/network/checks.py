@@ -29,6 +29,7 @@ def check_duration(where: str, value: Any, *, minimum: int = 0) -> None:
             where=where,
             expected=f"{minimum} to 2**53 ns",
             got=f"{value} ns",
+            hint="a longer time" if value < minimum else "a shorter time",
         )
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.core import AnyPath, InputError, optional as optional_package
+from cosim.core import AnyPath, InputError, optional as optional_package, unreadable
 from cosim.network.checks import MAX_NS
 from cosim.network.log_format import DELIMITERS, DIGITS, UNIT_WORDS, Delimiter, LogFormat, Unit
 
@@ -340,13 +340,9 @@ def _lines(path: Path, delimiter: Delimiter) -> Iterator[tuple[str, list[str]]]:
                 if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#"):
                     yield f"line {reader.line_num}", row
     except OSError as error:
-        raise InputError(
-            "the file cannot be read", where=str(path), got=error.strerror or str(error)
-        ) from error
+        raise unreadable(path, error) from error
     except UnicodeDecodeError as error:
-        raise InputError(
-            "the file is not text", where=str(path), expected="UTF-8", got=error.reason
-        ) from error
+        raise unreadable(path, error, what="the file is not text", expected="UTF-8") from error
     except csv.Error as error:
         raise InputError(
             "the file is not CSV", where=f"{path}, line {reader.line_num}", got=str(error)
@@ -358,5 +354,7 @@ def _missing(path: AnyPath, place: str, name: str, names: list[str]) -> InputErr
     if name in names:
         return InputError(f"there are several columns {name!r}", where=where, expected="one")
     if not names:
-        return InputError("the file is empty", where=where, expected=f"a column {name!r}")
+        wanted = f"a column {name!r}"
+        hint = "a first line with the names of the columns"
+        return InputError("the file is empty", where=where, expected=wanted, hint=hint)
     return InputError.unknown("column", name, names, where=where)

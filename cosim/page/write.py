@@ -23,7 +23,7 @@ def write_page(target: Path, html: str, kind: str, sources: Iterable[Path]) -> i
             raise InputError(
                 f"the report would replace its {kind}",
                 where=str(target),
-                hint="another place: --out",
+                hint="another place: `out`",
             )
     with not_written("the report", target, faults=(OSError, ValueError)):
         write_whole(target, text)

@@ -117,7 +117,7 @@ def fit_link(recording: Recording, most_states: int = 3) -> LinkFit:
     if not 1 < most_states <= MOST_STATES:
         raise InputError(
             "number of states out of range",
-            where="--states",
+            where="`states`",
             expected=f"2 to {MOST_STATES}",
             got=str(most_states),
         )

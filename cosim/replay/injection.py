@@ -109,7 +109,7 @@ def inject(
     scenario = scenario_in(trace, Path.cwd()) if SCENARIO_ATTACHMENT in trace.attachments else None
     if request.compare is not None and output_topic(request.compare) not in trace.topics:
         recorded = [t.split("/")[1] for t in trace.topics if t.endswith("/output")]
-        raise InputError.unknown("recorded component", request.compare, recorded, where="--compare")
+        raise InputError.unknown("recorded component", request.compare, recorded, where="`compare`")
     role = role_of(trace, fmu, request.signal_mapping.role)
     sources = mapped(trace, fmu, request.signal_mapping, role)
     direct, linked = _routed(trace, sources, request, scenario)
@@ -122,7 +122,7 @@ def inject(
     if request.compare is not None and input_values.shift_ns:
         raise InputError(
             "the recording does not begin at t = 0: its outputs are not those of this run",
-            where="--compare",
+            where="`compare`",
             got=f"first row at {input_values.shift_ns / 1e9:g} s",
         )
     entries = provenance(
@@ -200,8 +200,8 @@ def _routed(
         if request.link is not None:
             raise InputError(
                 "delivered signals have passed their link already",
-                where="--link",
-                hint="--as sent",
+                where="`link`",
+                hint="`as` sent",
             )
         return {name: as_delivered(trace, source) for name, source in sources.items()}, {}
     direct, linked = {}, {}
@@ -219,7 +219,7 @@ def _link(link: Link | str | None, scenario: LoadedScenario | None, trace: Trace
         return link
     parts = {} if scenario is None else scenario.scenario.links
     if scenario is None or link not in parts:
-        raise InputError.unknown("recorded link", link, parts, where=f"--link, {trace.path}")
+        raise InputError.unknown("recorded link", link, parts, where=f"`link`, {trace.path}")
     return link_of(link, parts[link], scenario.scenario.run.seed)
 
 
@@ -233,7 +233,7 @@ def _system(
             where=str(fmu.path),
             expected="canHandleVariableCommunicationStepSize, or a step that divides the end",
             got=f"steps from {steps[0] / 1e9:g} s to {steps[-1] / 1e9:g} s",
-            hint="--step SECONDS",
+            hint="`step` SECONDS",
         )
     return System(
         components={name: Component(fmu, dict(parameters))},

@@ -109,7 +109,7 @@ def _points(times: Integers, step_ns: int | None) -> Integers:
     if not 1 <= step_ns <= end or end // step_ns > _MOST_POINTS:
         raise InputError(
             "the step does not fit the recording",
-            where="--step",
+            where="`step`",
             expected=f"{end / _MOST_POINTS / 1e9:.3g} s to {end / 1e9:g} s",
             got=f"{step_ns / 1e9:g} s",
         )

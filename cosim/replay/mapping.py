@@ -72,7 +72,7 @@ def role_of(trace: Trace, fmu: FmuDescription, role: str | None) -> str | None:
     recorded = recorded_inputs(trace)
     if role is not None:
         if role not in recorded:
-            raise InputError.unknown("recorded component", role, recorded, where="--as-component")
+            raise InputError.unknown("recorded component", role, recorded, where="`as_component`")
         return role
     mine = set(_inputs(fmu))
     fitting = {name: len(mine & set(signals)) for name, signals in recorded.items()}
@@ -82,7 +82,7 @@ def role_of(trace: Trace, fmu: FmuDescription, role: str | None) -> str | None:
         raise InputError(
             "several recorded components have the inputs of this FMU",
             where=str(fmu.path),
-            expected="one of them, chosen by --as-component",
+            expected="one of them, chosen by `as_component`",
             got=", ".join(best),
         )
     return best[0] if best else None
@@ -111,16 +111,16 @@ def mapped(
         found |= _members(trace, fmu, group, target)
     for name, target in signal_mapping.signals:
         if target not in inputs:
-            raise InputError.unknown("input", target, inputs, where=f"--map, {fmu.path.name}")
+            raise InputError.unknown("input", target, inputs, where=f"`map`, {fmu.path.name}")
         found[target] = _source(trace, name)
     if not found:
         raise InputError(
             "no recorded signal fits an input of this FMU",
             where=str(fmu.path),
-            expected=f"inputs of the same names as recorded ones, or --map: {', '.join(inputs)}",
+            expected=f"inputs of the same names as recorded ones, or `map`: {', '.join(inputs)}",
             got="; ".join(f"{c}: {', '.join(n)}" for c, n in recorded_inputs(trace).items())
             or f"signals {', '.join(list(trace.signals)[:8])}",
-            hint='--map "plant.eta.x=eta.x", --map-group plant.eta=eta',
+            hint='`map` "plant.eta.x=eta.x", `map_group` plant.eta=eta',
         )
     return found
 
@@ -148,7 +148,7 @@ def _members(trace: Trace, fmu: FmuDescription, group: str, target: str) -> dict
     if not found:
         raise InputError(
             "the group has no members on both sides",
-            where=f"--map-group {group}={target}",
+            where=f"`map_group` {group}={target}",
             expected=f"signals {group}.* or {group}[*], and inputs {target}.* or {target}[*]",
             got=f"inputs {', '.join(sorted(inputs))}",
         )
@@ -175,7 +175,7 @@ def as_delivered(trace: Trace, source: Source) -> Source:
     if len(links) > 1:
         raise InputError(
             f"several links carried {source.name}",
-            where="--map",
+            where="`map`",
             expected="one of them",
             got=", ".join(f"{link_topic(name)}:{source.name}" for name in links),
         )
@@ -183,7 +183,7 @@ def as_delivered(trace: Trace, source: Source) -> Source:
     if metadata.get("on_loss", "hold") != "hold" or GREATEST_AGE in metadata:
         raise InputError(
             f"the receiver of {source.name} used other values than those delivered",
-            where="--map",
+            where="`map`",
             got=f"link {links[0]} substitutes lost or old values",
             hint="map the receiver's input: COMPONENT.INPUT=...",
         )

@@ -150,7 +150,7 @@ def _prepared(
                 where=str(fmu.path),
                 expected=f"SHA-256 {wanted}",
                 got=fmu.sha256,
-                hint="rerun with the versions that cosim trace info names, or point --fmus "
+                hint="rerun with the versions that cosim trace info names, or point `fmus` "
                 "to the folder with the FMUs of that run",
             )
     return prepared

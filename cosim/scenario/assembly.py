@@ -354,6 +354,7 @@ def _add(driven: Signals, found: Signals) -> None:
                 "an input has two sources",
                 where=str(end),
                 got="two of the reference, the time series and the disturbance",
+                hint="leave one of them out",
             )
     driven |= found
 

@@ -198,6 +198,7 @@ def check_name(reference: str) -> None:
         raise InputError(
             f"there is no name {reference!r}",
             expected="component.variable, as in plant.eta.z; t is the time",
+            hint=f"the name of its component and a dot before it, as plant.{reference}",
         )
 
 

@@ -13,6 +13,7 @@ from cosim import hinf
 from cosim.core import ComponentError, CosimError, Findings, InputError, refusals
 from cosim.fmu import FmuDescription, require_loadable
 from cosim.master import System
+from cosim.network import PacketLink
 from cosim.scenario.assembly import (
     SystemParts,
     Wires,
@@ -105,7 +106,7 @@ def _look(
                     None if scenario.disturbance is None else no_disturbance(problem.system)
                 )
     parts = parts_of(scenario, fmus, findings, parameters=parameters, worst_case=worst_case)
-    if set(fmus) != set(scenario.components):
+    if set(fmus) != set(scenario.components) or _has_no_schedule(scenario, parts, findings):
         return
     if _has_wrong_delays(scenario, parts, findings):
         return
@@ -132,6 +133,15 @@ def _not_loadable(
                 require_loadable(described, name)
         except ComponentError as error:
             yield error
+
+
+def _has_no_schedule(scenario: ScenarioPart, parts: SystemParts, findings: Findings) -> bool:
+    """Whether a link or the points of the run could not be made: what uses them would say so."""
+    packets = [name for name, link in parts.links.items() if isinstance(link, PacketLink)]
+    made = set(parts.links) == set(scenario.links) and parts.comm_schedule.links.keys() >= {
+        *packets
+    }
+    return bool(findings.errors) and not made
 
 
 def _has_wrong_delays(scenario: ScenarioPart, parts: SystemParts, findings: Findings) -> bool:

@@ -16,7 +16,7 @@ import ast
 import re
 import threading
 import warnings
-from typing import Any
+from typing import Any, Final
 
 from cosim.core import NUMBER, InputError, Quantity, QuantityError, parse_quantity
 
@@ -40,11 +40,20 @@ _FIRST = 0x4E00
 class ExpressionError(InputError):
     """A text that is not an expression, or has no value; `column` of the fault, from 1."""
 
-    def __init__(self, what: str, text: str, column: int, expected: str | None = None) -> None:
+    def __init__(
+        self,
+        what: str,
+        text: str,
+        column: int,
+        expected: str | None = None,
+        hint: str | None = None,
+    ) -> None:
         self.column = column
         self._text = text
         marked_text = f"{text}\n       {' ' * (column - 1)}^" if "\n" not in text else text
-        super().__init__(what, where=f"column {column}", expected=expected, got=marked_text)
+        super().__init__(
+            what, where=f"column {column}", expected=expected, got=marked_text, hint=hint
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         again = (type(self), (self.what, self._text, self.column, self.expected))
@@ -126,9 +135,27 @@ class Expression:
                 self.text,
                 column,
                 "as in plant.eta.z > 5 m and t > 10 s",
+                _hint(self.text),
             ) from error
         except (ValueError, RecursionError, MemoryError) as error:
             raise ExpressionError("the expression cannot be understood", self.text, 1) from error
+
+
+_OTHER_LANGUAGES: Final = {
+    "&&": "and in place of &&",
+    "||": "or in place of ||",
+    "!": "not in place of !",
+    "=": "== in place of =, or better < and >: numbers of a run are rarely equal",
+    "$": "a name without $",
+}
+"""Signs of other languages -> what is written here."""
+
+
+def _hint(text: str) -> str:
+    """Return what to do about a text that is no expression."""
+    bare = re.sub(r"[<>=!]=", "", text)
+    found = (words for sign, words in _OTHER_LANGUAGES.items() if sign in bare)
+    return next(found, "two values and a comparison between them, joined by and, or, not")
 
 
 def reference_of(node: ast.expr) -> str | None:

@@ -63,7 +63,49 @@ _MEANT: Mapping[str, str] = MappingProxyType(
         **dict.fromkeys(("randomseed", "rng"), "seed"),
         **dict.fromkeys(("assert", "checks", "requirements"), "assertions"),
         **dict.fromkeys(("name",), "title"),
-        **dict.fromkeys(("time", "instant"), "at"),
+        **dict.fromkeys(("time", "instant", "t"), "at"),
+        **dict.fromkeys(("events.start", "events.begin", "events.starttime"), "at"),
+        **dict.fromkeys(("drop", "drops", "dropprobability"), "loss"),
+        **dict.fromkeys(("channel", "via", "through"), "link"),
+        **dict.fromkeys(("simulation", "simulate", "experiment"), "run"),
+        **dict.fromkeys(("fmus", "models", "instances", "slaves"), "components"),
+        **dict.fromkeys(("wires", "wiring"), "connections"),
+        **dict.fromkeys(("channels", "network"), "links"),
+        **dict.fromkeys(("loglevel", "verbosity"), "log.level"),
+        **dict.fromkeys(("condition", "require", "must", "check"), "always"),
+        **dict.fromkeys(("std", "stddev", "standarddeviation"), "sigma"),
+        "author": "description",
+    }
+)
+_EXAMPLES: Mapping[str, str] = MappingProxyType(
+    {
+        "end": '10.0, or "10 s"',
+        "step": '0.01, or "10 ms"',
+        "run.start": "0.0",
+        "seed": "1",
+        "threads": "1",
+        "fmu": '"AuvPlant", or "my-plant.fmu"',
+        "from": '"plant.y"',
+        "to": '"controller.y"',
+        "kind": '"packet"',
+        "sample_time": '0.1, or "100 ms"',
+        "links.delay": '0.2, or "200 ms"',
+        "loss": '0.05, or "5 %"',
+        "at": '1.0, or "1 s"',
+        "for": '0.5, or "500 ms"',
+        "width": '"5 ms"',
+        "sigma": '"5 ms"',
+        "mean": '"5 ms"',
+        "always": '"plant.y < 2"',
+        "eventually": '"plant.y < 2"',
+        "points": "[[0.0, 1.0], [10.0, 2.0]]",
+        "reference.axes": '["x", "y"]',
+        "title": '"My first scenario"',
+        "scenario": '"mine.toml"',
+        "values": "[0.1, 0.2]",
+        "path": '"links.up.delay"',
+        "count": "10",
+        "data_rate": '"1200 bit/s"',
     }
 )
 _PATTERNS: Mapping[str, str] = MappingProxyType(
@@ -76,30 +118,60 @@ _PATTERNS: Mapping[str, str] = MappingProxyType(
 )
 
 
+_CONDITION = 'a condition in one text: always = "plant.y < 2"'
+_OF_A_LINK = 'that belongs to a link: link = "up" here, and a table [links.up]'
+_INSTEAD: Mapping[tuple[str, str], str] = MappingProxyType(
+    {
+        **dict.fromkeys(
+            (("design", word) for word in _MATRICES),
+            'matrices are in the file of a system: system = "my-system.toml"',
+        ),
+        **dict.fromkeys(
+            ((word, word) for word in ("record", "recording", "outputs", "logging")),
+            "every signal is recorded: leave it out",
+        ),
+        **{("assertions", word): _CONDITION for word in ("signal", "max", "min", "limit", "never")},
+        **{("connections", word): _OF_A_LINK for word in ("delay", "latency", "loss", "jitter")},
+        **dict.fromkeys(
+            (("run", word) for word in ("solver", "integrator", "method")),
+            "each FMU has its own solver: its step is a parameter, as solver.step",
+        ),
+    }
+)
+"""Table and key that it does not have -> what to do."""
+
+
 class Part(core.Part):
     """A table of a scenario, of a study or of a vehicle."""
 
     meant = _MEANT
     patterns = _PATTERNS
+    examples = _EXAMPLES
 
     @classmethod
     def advice(cls, wrong: str, path: KeyPath, value: Any, data: Any) -> str | None:
         """Return what to do about a fault that scenarios are known for."""
+        if wrong == "extra_forbidden" and path:
+            return _INSTEAD.get((str(path[0]), str(path[-1])))
+        hint = None
         match wrong, path:
-            case "extra_forbidden", ("design", word) if word in _MATRICES:
-                return 'matrices are in the file of a system: system = "my-system.toml"'
             case "union_tag_not_found", ("links", *_):
                 others = [name for name in data["links"] if name != path[-1]]
                 there = f"; the links that are there: {', '.join(others)}" if others else ""
-                return f'a new link has kind = "packet" or "transport"{there}'
+                hint = f'a new link has kind = "packet" or "transport"{there}'
             case "less_than_equal", (*_, "loss" | "duplicate"):
-                return f'a probability: "{value} %" is {value} in a hundred'
+                hint = f'a probability: "{value} %" is {value} in a hundred'
             case _, (*_, "jitter") if not isinstance(value, dict):
-                return f'jitter = {{ kind = "uniform", width = "{value}" }}'
+                width = f'"{value}"' if isinstance(value, str) else value
+                hint = f'jitter = {{ kind = "uniform", width = {width} }}'
+            case "value_error", ("events", int()) if "stop" not in value:
+                hint = 'as in at = 1.0, for = 0.5, outage = ["up"]'
+            case "string_pattern_mismatch", ("connections", _, "from" | "to"):
+                hint = f'the variable with its component: "{value}.x"'
             case _ if "parameters" in path[:-1] and isinstance(value, dict):
                 name = f"{path[-1]}.{next(iter(value), 'x')}"
-                return f'a name with a dot is written in quotes: "{name}" = ...'
-        return None
+                hint = f'a name with a dot is written in quotes: "{name}" = ...'
+        return hint
 
 
 def _quantity(wanted: Dimension) -> BeforeValidator:

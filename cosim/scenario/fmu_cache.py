@@ -113,7 +113,7 @@ class FmuCache:
                 raise _not_built(fmu, self.root, error) from error
             say_once(
                 f"{self.root} cannot be written ({error.strerror}): FMUs are built in a temporary "
-                "folder, and built again by the next command; --fmus names another place"
+                "folder, and built again by the next command; another folder for FMUs avoids it"
             )
         folder = own_folder() / "built"
         try:
@@ -138,5 +138,5 @@ def _not_built(fmu: str, folder: Path, error: OSError) -> InputError:
         where=str(folder),
         expected="a folder that can be written",
         got=str(error),
-        hint="another folder: --fmus",
+        hint="another folder: `fmus`",
     )

@@ -63,7 +63,7 @@ def setting(text: str) -> tuple[KeyPath, Any]:
     if not equals or not name.strip():
         raise InputError(
             "not a setting",
-            where=f"--set {text}",
+            where=f"`set` {text}",
             expected="KEY=VALUE, as in links.uplink.delay=0.4 or run.step='50 ms'",
         )
     try:
@@ -73,7 +73,7 @@ def setting(text: str) -> tuple[KeyPath, Any]:
             return split(name.strip()), value.strip()
         raise InputError(
             "the value of a setting must be written as in TOML",
-            where=f"--set {text}",
+            where=f"`set` {text}",
             expected="a number, true, false, a word, [..] or {..}",
             got=value,
         ) from error

@@ -464,7 +464,9 @@ class _Lowering:
             )
         for target, row in zip(targets, rows, strict=True):
             if target in self._maps:
-                raise InputError("an input has two sources", where=str(target))
+                raise InputError(
+                    "an input has two sources", where=str(target), hint="leave one of them out"
+                )
             terms = list(zip(sources, row, strict=True))
             self._maps[target] = _Mapped(target, path, part, terms)
 

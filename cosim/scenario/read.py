@@ -99,8 +99,8 @@ def with_settings(source: Source, settings: Sequence[str]) -> Source:
     parts = [(text, *setting(text)) for text in settings]
     give_way(data, {str(path[1]) for _, path, _ in parts if path[0] == "design" and len(path) > 1})
     for text, path, value in parts:
-        put(data, path, value, f"--set {text}")
-        layers.append(Layer(f"--set {text}", "", path))
+        put(data, path, value, f"`set` {text}")
+        layers.append(Layer(f"`set` {text}", "", path))
     return replace(source, data=data, layers=tuple(layers))
 
 

@@ -63,8 +63,8 @@ def parse_limits(limits: Sequence[str]) -> dict[str, Any]:
     for text in limits:
         key, _, value = (part.strip() for part in text.partition("="))
         if key not in LimitsPart.model_fields:
-            raise InputError.unknown("limit", key, LimitsPart.model_fields, where=f"--limit {text}")
-        found[key] = _limit(key, value, f"--limit {text}")
+            raise InputError.unknown("limit", key, LimitsPart.model_fields, where=f"`limit` {text}")
+        found[key] = _limit(key, value, f"`limit` {text}")
     return found
 
 

@@ -418,6 +418,7 @@ class ScenarioPart(Part):
     """A whole scenario."""
 
     lists_faults: ClassVar[str | None] = "cosim scenario check"
+    described_by: ClassVar[str | None] = "cosim scenario schema"
 
     title: Text = "A scenario"
     """One line that says what is run."""

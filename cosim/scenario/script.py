@@ -140,9 +140,9 @@ def changes_of(scenario: ScenarioPart, findings: Findings) -> dict[str, list[Cha
         until = end + 1 if lasts is None else start + lasts
         for key, names in (("outage", event.outage), ("delay", event.delay), ("loss", event.loss)):
             for name in names:
+                if name not in scenario.links:
+                    continue  # `script_of` refuses it
                 with findings.at("events", i, key):
-                    if name not in scenario.links:
-                        raise InputError.unknown("link", name, scenario.links)
                     delay = nanoseconds(event.delay[name]) if key == "delay" else None
                     loss = event.loss[name] if key == "loss" else None
                     found.setdefault(name, []).append(Change(start, until, delay, loss))
@@ -288,6 +288,7 @@ def _check_time(part: EventPart, scenario: ScenarioPart) -> None:
             where="at",
             expected=f"at most {scenario.run.end:g} s (run.end)",
             got=f"{part.at:g} s",
+            hint=f"an earlier event, or a longer run: end = {part.at + 1:g}",
         )
 
 
@@ -348,7 +349,11 @@ def _link_settings(
 
 def _set(system: System, scope: RunScope, end: Endpoint, value: Any) -> Action:
     if end.component not in system.components:
-        raise InputError.unknown("component", end.component, system.components)
+        of_links = end.component in {"link", "links", *system.links}
+        hint = "delay, loss, outage and restore change a link: delay = { up = 1.0 }"
+        raise InputError.unknown(
+            "component", end.component, system.components, hint=hint if of_links else None
+        )
     fmu = system.components[end.component].description
     port = fmu.port(end.variable, where=f"component {end.component!r}")
     if end.variable in scope.signals(end.component):

@@ -150,7 +150,7 @@ def check_step(
             where="run.step",
             expected=f"a multiple of {parts[-1]} ns, so that the runs have points in common",
             got=f"{whole} ns",
-            hint=f"--set run.step={(whole - whole % parts[-1]) / 1e9!r}",
+            hint=f"`set` run.step={(whole - whole % parts[-1]) / 1e9!r}",
         )
     runs = []
     for part in parts:

@@ -14,6 +14,7 @@ from cosim.core import (
     QuantityError,
     check_dimension,
     dimension,
+    number_in_quotes,
     parse_quantity,
 )
 from cosim.fmu import FmuDescription, Port, checked_scalars, describe_settable, may_be_set
@@ -83,6 +84,7 @@ def in_unit_of(fmu: FmuDescription, port: Port, text: str, where: str) -> float:
             where=where,
             expected=f"a number in {wanted}, or {error}",
             got=repr(text),
+            hint=number_in_quotes(text),
         ) from error
     if declared is None and found.dimension == dimension():
         return found.si

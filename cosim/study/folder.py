@@ -92,7 +92,7 @@ class Folder:
                 "the folder of the study cannot be written",
                 where=str(self.path),
                 got=str(error),
-                hint="another folder: --out",
+                hint="another folder: `out`",
             ) from error
         try:
             _lock(self._lock, self.path)
@@ -213,7 +213,11 @@ def read_manifest(path: Path) -> dict[str, Any]:
         found = json.loads(file.read_text("utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(
-            "not the folder of a study", where=str(path), expected=str(file), got=str(error)
+            "not the folder of a study",
+            where=str(path),
+            expected=str(file),
+            got=str(error),
+            hint="the folder that cosim study run wrote: studies/NAME",
         ) from error
     if not isinstance(found, dict) or not {"digest", "study", "count"} <= set(found):
         raise InputError("not the manifest of a study", where=str(file))
@@ -284,7 +288,7 @@ def _run_log_of(manifest: dict[str, Any]) -> str:
 def _lock(run_log: Any, path: Path) -> None:
     if not lock_file(run_log):
         raise InputError(
-            "another process is running this study", where=str(path), hint="another folder: --out"
+            "another process is running this study", where=str(path), hint="another folder: `out`"
         )
 
 
@@ -296,5 +300,5 @@ def _another(path: Path, before: dict[str, Any], manifest: dict[str, Any]) -> In
         where=str(path),
         expected=f"the same {', '.join(changed) or 'study'} as when the study was started",
         got=f"{before['study'].get('title')!r}, {before['count']} runs",
-        hint="another folder: --out; or --fresh, which deletes the results here",
+        hint="another folder: `out`; or `fresh`, which deletes the results here",
     )

@@ -58,7 +58,7 @@ def draw_study(
     """
     columns = columns_of(table, manifest)
     if kind is not None and kind not in PICTURE_KINDS:
-        raise InputError.unknown("picture", kind, PICTURE_KINDS, where="--kind")
+        raise InputError.unknown("picture", kind, PICTURE_KINDS, where="`kind`")
     chosen = kind or _fitting(columns, metric, over)
     PICTURE_KINDS[chosen](_Asked(table, manifest, columns, _metric(columns, metric), over, target))
     return chosen

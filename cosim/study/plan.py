@@ -79,7 +79,7 @@ class Plan:
         if study.stop is not None or study.rare is not None:
             raise InputError(
                 "the runs of this study follow from the results of earlier ones",
-                where="--runs",
+                where="`runs`",
                 expected="a study without stop and rare",
                 got="stop" if study.stop is not None else "rare",
             )
@@ -91,7 +91,7 @@ class Plan:
                 return found
         raise InputError(
             "not a part of the study's runs",
-            where="--runs",
+            where="`runs`",
             expected=f"FIRST:END within 0:{self.count}, without run END, as in 0:{self.count // 2}",
             got=text,
         )
@@ -169,7 +169,7 @@ def trial_run(plan: Plan, runs: range, traces: Path | None = None) -> tuple[Row 
             first = first or ComponentError(
                 f"the first runs of the study do not end: {reason}",
                 where=f"run {run}",
-                hint="a greater limit: --limit run='1 h'; or look at it alone",
+                hint="a greater limit: `limit` run='1 h'; or look at it alone",
             )
         elif run != runs[0]:
             return None, seconds

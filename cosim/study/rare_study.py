@@ -187,5 +187,5 @@ def _former(study: Study, part: RarePart, axes: Sequence[SampledAxis]) -> Evalua
         return found
     return found.refused(
         f"one population alone found about {found.probability:.2g}, by an earlier release: nothing "
-        "tells what it missed; --fresh runs the study again"
+        "tells what it missed; the study run afresh does"
     )

@@ -14,7 +14,7 @@ from cosim.study.rare_study import RarePoints
 from cosim.study.read import LoadedStudy
 from cosim.study.stages import points_of_rows
 
-_FOLLOWS = "later runs of a rare event follow from the results in its folder: --from FOLDER"
+_FOLLOWS = "later runs of a rare event follow from the results in its folder: `from` FOLDER"
 
 
 def repeat_run(
@@ -63,7 +63,7 @@ def check_unchanged(plan: Plan, loaded: LoadedStudy) -> None:
         where=loaded.where,
         expected=f"the same {', '.join(changed) or 'study'} as when the study was run",
         got=", ".join(f"{name} {plan.hashes[name][:12]}" for name in changed) or "another digest",
-        hint="the same --fmus and --flavour; or the study's file, which runs it as it is now",
+        hint="the same `fmus` and `flavour`; or the study's file, which runs it as it is now",
     )
 
 

@@ -115,7 +115,7 @@ def plan_of(
     except InputError as error:
         if "compiler" not in error.what:
             raise
-        hint = f"{error.hint}; or use the python FMUs, which are slower: --flavour python"
+        hint = f"{error.hint}; or use the python FMUs, which are slower: `flavour` python"
         raise changed_error(error, hint=hint) from error
 
 
@@ -137,7 +137,7 @@ def pool_for(
         number = int(text)
     else:
         raise InputError(
-            "not a number of workers", where="--workers", expected="1, 2, ... or all", got=text
+            "not a number of workers", where="`workers`", expected="1, 2, ... or all", got=text
         )
     return in_process if number == 1 else partial(local, number)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     ConfigDict,
@@ -371,6 +371,8 @@ class Study(Part):
 
     `run_study` runs it. The keys are those of a study's TOML (Reference, Studies).
     """
+
+    described_by: ClassVar[str | None] = "cosim study schema"
 
     model_config = ConfigDict(json_schema_extra={"description": "A whole study."})
 

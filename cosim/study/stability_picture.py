@@ -32,7 +32,7 @@ def draw_stability(table: Any, manifest: dict[str, Any], target: Path) -> Path:
             "this study does not define a picture",
             where=study.title,
             expected="[stability] in the study",
-            hint="choose what to draw: --metric and --over",
+            hint="choose what to draw: `metric` and `over`",
         )
     frame, certified = table.to_pandas(), certified_metric(study)
     frame = frame.assign(

@@ -316,7 +316,7 @@ class StudyRunner:
                 where=str(found.path),
                 expected=f"SHA-256 {wanted}",
                 got=found.sha256,
-                hint="give every worker the same folder of FMUs: --fmus",
+                hint="give every worker the same folder of FMUs: `fmus`",
             )
 
 

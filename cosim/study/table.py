@@ -181,6 +181,7 @@ def read_table(path: AnyPath) -> tuple[Any, dict[str, Any]]:
             where=str(path),
             expected="the folder of a study, or its results.parquet",
             got=str(error)[:300],
+            hint="the folder that cosim study run wrote: studies/NAME",
         ) from error
     manifest = json.loads((table.schema.metadata or {}).get(KEY, b"null"))
     if manifest is None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from cosim.core import InputError
+from cosim.core import InputError, Origin, did_you_mean, refusals
 from cosim.fmu import FmuDescription
 from cosim.scenario import ScenarioPart, give_way, put, split
 from cosim.study.consistency import Place, nowhere
@@ -129,14 +129,10 @@ class Variations:
         try:
             return ScenarioPart.model_validate(data)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = ".".join(str(part) for part in first["loc"])
-            raise InputError(
-                "the varied scenario is not allowed",
-                where=where,
-                expected=str(first["msg"]).removeprefix("Input should be "),
-                got=repr(first["input"])[:200],
-            ) from error
+            first = refusals(ScenarioPart, error, data, Origin(()))[0]
+            first.what = "the varied scenario is not allowed"
+            first.args = (first.text(),)
+            raise first from error
 
     def check_axis(self, axis: Axis, fmus: Mapping[str, FmuDescription], where: str) -> None:
         """Check that the scenario has every place of an axis.
@@ -197,11 +193,17 @@ def check_place(known: Mapping[str, Any], place: str, where: str) -> None:
                     where=where,
                     expected=f"a place in {way}, which has {size}",
                     got=f"[{key}]",
+                    hint=f"places are counted from 0: {way}[0]",
                 )
             here, way = here[key], f"{way}[{key}]"
             continue
         if not isinstance(here, dict):
-            raise InputError(f"{place} leads nowhere", where=where, expected=f"{way} to be a table")
+            raise InputError(
+                f"{place} leads nowhere",
+                where=where,
+                expected=f"{way} to be a table",
+                hint=f"the path ends there: {way}",
+            )
         if key not in here:
             if way in _FREE and place == f"{way}.{key}":
                 return  # a new entry
@@ -211,7 +213,7 @@ def check_place(known: Mapping[str, Any], place: str, where: str) -> None:
                 where=where,
                 expected=f"{way or 'a scenario'} has {', '.join(here) or 'nothing'}",
                 got=repr(key),
-                hint=f"did you mean {' or '.join(near)}?" if near else None,
+                hint=did_you_mean(near or list(here)[:3]),
             )
         here, way = here[key], f"{way}.{key}" if way else key
 

@@ -181,7 +181,7 @@ class DaskPool:
                     where="workers",
                     expected="workers that stay, or new ones in their place",
                     hint="finished runs are kept: the same command continues; "
-                    "--wait-for-workers none waits for ever",
+                    "`wait_for_workers` none waits for ever",
                 )
             if alone > reported + _SAY_S:
                 reported = alone
@@ -246,7 +246,7 @@ def cluster(address: str, wait_s: float | None = WAIT_S) -> Iterator[WorkerPool]
         except Exception as error:  # of many types, all of which mean that nobody answers
             raise InputError(
                 "no scheduler answers",
-                where=f"--scheduler {address}",
+                where=f"`scheduler` {address}",
                 expected="the address of a Dask scheduler, as in tcp://127.0.0.1:8786",
                 got=f"{type(error).__name__}: {error}"[:300],
                 hint="start one with dask scheduler, and workers with dask worker ADDRESS",
@@ -264,7 +264,7 @@ def _dask() -> tuple[Any, Any]:
             "studies on a cluster need Dask",
             where="workers",
             got=str(error),
-            hint=f"{_INSTALL}; processes of this machine need none: --workers",
+            hint=f"{_INSTALL}; `workers` of this machine need none",
         ) from error
     return dask, distributed
 

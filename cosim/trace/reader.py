@@ -409,7 +409,7 @@ class Trace(Recorded):
             where=str(self.path),
             expected="a complete MCAP file",
             got=damage,
-            hint="`cosim trace info` reads it as far as it goes",
+            hint="cosim trace info reads it as far as it goes",
         )
 
 

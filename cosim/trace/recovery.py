@@ -204,11 +204,11 @@ def _check_target(source: Path, target: Path, *, force: bool) -> None:
         raise InputError(
             "the output is the file that is to be recovered",
             where=str(target),
-            hint="another place: --out; the original is kept",
+            hint="another place: `out`; the original is kept",
         )
     if target.is_file() and not force:  # a device or a pipe is not overwritten
         raise InputError(
-            "the output exists already", where=str(target), hint="another place: --out; or --force"
+            "the output exists already", where=str(target), hint="another place: `out`; or `force`"
         )
 
 
@@ -233,7 +233,7 @@ class _Counts:
 
 def _written(found: _Found, source: Path, target: Path, report_progress: Progress) -> Recovery:
     counts = _Counts()
-    hint = "make room on the disk, or choose another place: --out; the original is kept"
+    hint = "make room on the disk, or choose another place: `out`; the original is kept"
     with (
         not_written("the recovered file", target, LossError, hint=hint),
         written_beside(target) as partial,

@@ -86,7 +86,7 @@ def certified_design(
         expected="a proof for some share of the envelope",
         got="; ".join(refused),
         hint=f"{_most_uncertain(on_envelope)}another [trim], sensors on board that are faster "
-        "(age), a faster link (--link), other controlled states ([control] states), or a sensor of "
+        "(age), a faster `link`, other controlled states ([control] states), or a sensor of "
         "a state that none measures",
     )
 

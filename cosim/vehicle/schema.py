@@ -7,7 +7,7 @@ moments are as they act on the vehicle: a damping derivative such as X_u is nega
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, ConfigDict, Field
 
@@ -240,6 +240,8 @@ class ControlPart(Part):
 
 class VehicleFile(Part):
     """A vehicle file."""
+
+    described_by: ClassVar[str | None] = "cosim vehicle show --keys"
 
     name: Annotated[str, AfterValidator(_title)]
     """Name of the vehicle."""

@@ -52,17 +52,25 @@ def status(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
 
 
 ROUTES: dict[str, Callable[[], Any]] = {
-    "least gamma": lambda: design(paper_example.system(), *AT, order=None, search=False),
-    "every route": lambda: design(paper_example.system(), *AT),
-    "a gamma": lambda: design(paper_example.system(), *AT, gamma=6.0),
-    "a gain": lambda: design(paper_example.system(), *AT, gain=PRINTED),
-    "searched": lambda: design(paper_example.system()),
-    "order 1": lambda: design(paper_example.system(), *AT, order=1),
-    "order 1, a gamma": lambda: design(paper_example.system(), *AT, order=1, gamma=6.0),
-    "order 1, a gain": lambda: design(paper_example.system(), *AT, order=1, gain=PRINTED),
-    "gain limit": lambda: design(paper_example.system(), *AT, gain_limit=2.0),
-    "decay": lambda: design(paper_example.system(), *AT, decay=1.0),
-    "peak": lambda: design(paper_example.system(), *AT, peak_control=3.0, offset=(1.0, 0.0)),
+    "least gamma": lambda: design(
+        paper_example.system(), *AT, order=None, search=False, alternatives=False
+    ),
+    "every route": lambda: design(paper_example.system(), *AT, alternatives=False),
+    "a gamma": lambda: design(paper_example.system(), *AT, gamma=6.0, alternatives=False),
+    "a gain": lambda: design(paper_example.system(), *AT, gain=PRINTED, alternatives=False),
+    "searched": lambda: design(paper_example.system(), alternatives=False),
+    "order 1": lambda: design(paper_example.system(), *AT, order=1, alternatives=False),
+    "order 1, a gamma": lambda: design(
+        paper_example.system(), *AT, order=1, gamma=6.0, alternatives=False
+    ),
+    "order 1, a gain": lambda: design(
+        paper_example.system(), *AT, order=1, gain=PRINTED, alternatives=False
+    ),
+    "gain limit": lambda: design(paper_example.system(), *AT, gain_limit=2.0, alternatives=False),
+    "decay": lambda: design(paper_example.system(), *AT, decay=1.0, alternatives=False),
+    "peak": lambda: design(
+        paper_example.system(), *AT, peak_control=3.0, offset=(1.0, 0.0), alternatives=False
+    ),
     "delay": lambda: greatest_delay(paper_example.system(), 6.0, *AT),
     "delay, searched": lambda: greatest_delay(paper_example.system(), 6.0),
     "delay, order 1": lambda: greatest_delay(paper_example.system(), 6.0, *AT, order=1),
@@ -83,7 +91,7 @@ def test_a_failure_is_never_called_no_solution(route: str, status: str) -> None:
         assert "before it found or excluded a solution" in text
         assert error.hint
     if route == "least gamma" and status == "NumericalError":
-        assert all(way in str(error.hint) for way in ("--search", "--order 1", "--gamma", "units"))
+        assert "units" in str(error.hint)
 
 
 @pytest.mark.parametrize("order", [0, 1])
@@ -134,7 +142,7 @@ def test_the_vehicle_at_half_a_second_and_three(tmp_path: Path) -> None:
     """Nothing is certified at these k1, k2: exit 5, no claim; with a gamma that is proved."""
     late = with_delays(auv_system(), [0.5, 3.0])
     with pytest.raises(NotAchievableError) as failed:
-        design(late, DEFAULT_K1, DEFAULT_K2, order=None, search=False)
+        design(late, DEFAULT_K1, DEFAULT_K2, order=None, search=False, alternatives=False)
     # which of the two it says at a gamma of millions depends on last digits; neither is a claim
     undecided = (
         "which does not prove that there is none",
@@ -142,14 +150,19 @@ def test_the_vehicle_at_half_a_second_and_three(tmp_path: Path) -> None:
     )
     assert any(words in str(failed.value) for words in undecided)
     with pytest.raises(NotAchievableError, match="meets the design constraints") as constrained:
-        design(late, DEFAULT_K1, DEFAULT_K2, gain_limit=0.01, search=False)
-    assert "at 4 pairs k1, k2" in str(constrained.value)
+        design(
+            *(late, DEFAULT_K1, DEFAULT_K2),
+            gain_limit=0.01,
+            search=False,
+            alternatives=False,
+        )
+    assert "none of 4 starts led to a proof" in str(constrained.value)
     refused = cosim(
         *("design", "auv", "--delays", "0.5,3.0", "--gamma", "20", "--order", "theorem-2"),
         *("--save-refutation", "r.json", "--json"),
         cwd=tmp_path,
     ).error
-    assert "gamma = 20 cannot be reached with these k1, k2" in refused["what"]
+    assert "gamma = 20 cannot be reached by Theorem 2" in refused["what"]
     proof = check_certificate(json.loads((tmp_path / "r.json").read_text("utf-8")))
     assert proof.valid
     assert proof.claim["gamma"] == "20"

@@ -68,7 +68,15 @@ def guaranteed() -> Any:
 def refused_at(gamma: float) -> Any:
     """The proof that section 5 has no such design."""
     with pytest.raises(NotAchievableError) as refused:
-        design(paper_example.system(), (0.6,), (0.2,), gamma=gamma, order=None, search=False)
+        design(
+            paper_example.system(),
+            (0.6,),
+            (0.2,),
+            gamma=gamma,
+            order=None,
+            search=False,
+            alternatives=False,
+        )
     return refused.value.certificate
 
 
@@ -87,7 +95,7 @@ def two_parameters(kind: str, **age: Any) -> Any:
     )
     if kind == "refutation":
         with pytest.raises(NotAchievableError) as refused:
-            design(system, (-1.0,), (1.0,), gamma=0.2, order=None, search=False)
+            design(system, (-1.0,), (1.0,), gamma=0.2, order=None, search=False, alternatives=False)
         return refused.value.certificate
     if kind == "theorem 2":
         constraints: dict[str, Any] = {"decay": 0.2, "order": None, "search": False}

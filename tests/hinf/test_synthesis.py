@@ -83,16 +83,16 @@ def test_unachievable_designs_name_their_cause() -> None:
     """gamma <= ||D1|| = 5, gamma below the least, k2 = 0, what no input reaches."""
     system = paper_example.system()
     with pytest.raises(NotAchievableError, match="D1"):
-        design(system, (0.6,), (0.2,), gamma=5.0)
+        design(system, (0.6,), (0.2,), gamma=5.0, alternatives=False)
     with pytest.raises(NotAchievableError, match="cannot be reached"):
-        design(system, (0.6,), (0.2,), gamma=5.01, order=None)
+        design(system, (0.6,), (0.2,), gamma=5.01, order=None, alternatives=False)
     with pytest.raises(InputError, match="k2"):
         design(system, (0.6,), (0.0,))
     uncontrollable = DelaySystem(
         [[1.0, 0.0], [0.0, -1.0]], [[0.0], [1.0]], np.eye(2), np.eye(2), delays=[]
     )
     with pytest.raises(NotAchievableError, match="no input reaches"):
-        design(uncontrollable, (), ())
+        design(uncontrollable, (), (), alternatives=False)
 
 
 def _without_B() -> DelaySystem:

@@ -187,7 +187,7 @@ def test_step_that_cannot_be_halved_is_refused(folder: Path) -> None:
         text = text_of().replace("step = 0.05", f"step = {step}")
         with pytest.raises(InputError, match="cannot be divided by") as caught:
             checked(folder, text, observe_order=observe)
-        assert "--set run.step=0.05" in str(caught.value)
+        assert "`set` run.step=0.05" in str(caught.value)
     for tolerance in (0.0, -1.0, math.nan, math.inf):
         with pytest.raises(InputError, match="tolerance"):
             checked(folder, text_of(), tolerance=tolerance)

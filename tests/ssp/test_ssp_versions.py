@@ -223,7 +223,7 @@ def test_arrays_and_types_of_fmi_3_need_2_0(tmp_path: Path) -> None:
     c_fmu("every_fmi3.c", every(), tmp_path)
     before = loaded(ARRAYS, tmp_path)
     prepared = prepare(before, FmuCache(tmp_path, tmp_path, flavour="native"))
-    with pytest.raises(InputError, match=r"SSP 1\.0 has no connectors(.*\n)*.*--ssp 2\.0"):
+    with pytest.raises(InputError, match=r"SSP 1\.0 has no connectors(.*\n)*.*`ssp` 2\.0"):
         export_ssp(prepared, tmp_path / "a.ssp")
     export_ssp(prepared, tmp_path / "a.ssp", version="2.0")
     again = import_ssp(tmp_path / "a.ssp", tmp_path / "again.toml")

@@ -149,7 +149,7 @@ def controller_spec(
     settings = _settings(sample_time, limits, form, len(own["outputs"]) if own else m)
     bounds = _bounds(envelope, len(system.A) - system.integrals)
     if bounds and not (watch or observed):
-        raise InputError("an envelope is only watched", where="--envelope", hint="--watch")
+        raise InputError("an envelope is only watched", where="`envelope`", hint="`watch`")
     given = {"envelope": bounds} if bounds or not own else {}
     given |= {key: x for key, x in settings.items() if limits is not None or key != "limits"}
     spec = _spec(form, name, certificate_bytes(data), {**own, **given}, settings)
@@ -202,7 +202,7 @@ def _bounds(envelope: Sequence[float] | None, states: int) -> dict[int, float]:
     if not fits:
         raise InputError(
             "the envelope does not fit the states",
-            where="--envelope",
+            where="`envelope`",
             expected=f"{counted(states, 'number')} >= 0, one per state; 0: no bound",
             got=", ".join(map(repr, values)),
         )
@@ -243,14 +243,14 @@ def _settings(
     bounds = usual[1] if limits is None else tuple(limits)
     if not (math.isfinite(chosen) and chosen >= 0):
         raise InputError(
-            "not a sample time", where="--sample-time", expected="seconds >= 0", got=repr(chosen)
+            "not a sample time", where="`sample_time`", expected="seconds >= 0", got=repr(chosen)
         )
     wanted = 2 if form == "vehicle" else m
     fits = len(bounds) == wanted or (form != "vehicle" and not bounds)
     if not fits or not all(math.isfinite(value) and value >= 0 for value in bounds):
         raise InputError(
             "the limits do not fit the controller",
-            where="--limits",
+            where="`limits`",
             expected="largest thrust [N] and largest moment [N m]"
             if form == "vehicle"
             else f"{counted(m, 'number')} >= 0, one per command",

@@ -48,9 +48,9 @@ class FmuTarget:
         if self.flavour == "python" and self.platforms:
             raise InputError(
                 "an FMU in Python has no platforms of its own",
-                where="--platforms",
+                where="`platforms`",
                 expected="host",
-                hint="--flavour native",
+                hint="`flavour` native",
             )
 
     @property
@@ -118,7 +118,7 @@ def model_name(path: Path) -> str:
             "this file name gives no model name",
             where=str(path),
             expected="a name with ASCII letters or digits",
-            hint="another file: --out",
+            hint="another file: `out`",
         )
     return checked_name(f"M_{name}" if name[0].isdigit() or keyword.iskeyword(name) else name)
 
@@ -134,7 +134,7 @@ def checked_name(name: str) -> str:
     if not fits or len(name) > LONGEST_NAME:
         raise InputError(
             "this is no model name",
-            where="--name",
+            where="`name`",
             expected=f"ASCII letters, digits, _; a letter first; at most {LONGEST_NAME}",
             got=name,
         )

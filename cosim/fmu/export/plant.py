@@ -97,7 +97,7 @@ def plant_spec(
     if len(start) != len(usual) or not all(map(math.isfinite, start)):
         raise InputError(
             "the initial state does not fit the system",
-            where="--initial",
+            where="`initial`",
             expected=f"{counted(len(usual), 'finite number')}, one per state",
             got=", ".join(map(repr, start)),
         )

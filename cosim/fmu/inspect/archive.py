@@ -194,6 +194,7 @@ def open_archive(path: Path, sha256: str | None = None) -> CheckedArchive:
             where=where,
             expected="a ZIP archive with modelDescription.xml",
             got=printable(str(error)) or type(error).__name__,
+            hint="the .fmu file as the tool exported it; copy or export it again",
         ) from error
     if "modelDescription.xml" not in archive.entries:
         raise InputError(
@@ -207,7 +208,8 @@ def open_archive(path: Path, sha256: str | None = None) -> CheckedArchive:
 
 def _content(path: Path, *, described: bool) -> bytes:
     if not (described or path.is_file()):
-        raise InputError("no such FMU", where=str(path), hint=similar_files(path))
+        hint = similar_files(path) or "look at its path: it starts from this folder"
+        raise InputError("no such FMU", where=str(path), hint=hint)
     try:
         return path.read_bytes()
     except OSError as error:

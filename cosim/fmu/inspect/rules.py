@@ -100,7 +100,7 @@ def rule_named(name: str) -> Rule:
     by_number = {rule.number: rule for rule in RULES.values()}
     found = RULES.get(name.lower()) or by_number.get(name.upper())
     if found is None:
-        raise InputError.unknown("rule", name, [*RULES, *by_number], where="--rule")
+        raise InputError.unknown("rule", name, [*RULES, *by_number], where="`rule`")
     return found
 
 

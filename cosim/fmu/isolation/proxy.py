@@ -36,9 +36,7 @@ from cosim.fmu.isolation.requests import (
 from cosim.fmu.messages import sink_of
 from cosim.fmu.returned import RawInterval
 
-_LIMIT_HINT: Final = (
-    "a greater limit: --limit call=..., or limits.call in the scenario; none for no limit"
-)
+_LIMIT_HINT: Final = "a greater limits.call, for this run or in the scenario; none for no limit"
 _PATIENCE_S: Final = 1.0
 _FFI: Final = FFI()
 _LOOK: Final = "int(int64_t)"

@@ -77,7 +77,9 @@ def check_certificate(data: Any) -> CertificateCheck:
         (Where the claim is not proved, no error: `valid` is False.)
     """
     if not isinstance(data, dict):
-        raise InputError("not a certificate", expected="an object of keys", got=type(data).__name__)
+        hint = "a file that cosim design --save wrote"
+        got = type(data).__name__
+        raise InputError("not a certificate", expected="an object of keys", got=got, hint=hint)
     kind = _kind_of(data)
     needed = (*(["kind"] if "kind" in data else []), "claim", *kind.needs)
     known_keys(data, "certificate", tuple(data), required=needed)
@@ -156,7 +158,8 @@ def certificate_from_bytes(content: bytes, where: str) -> Any:
         data = json.loads(content.decode("utf-8"))
     except json.JSONDecodeError as error:
         place = f"{where}, line {error.lineno}, column {error.colno}"
-        raise InputError("not JSON", where=place, got=error.msg) from error
+        hint = "a file that cosim design --save wrote"
+        raise InputError("not JSON", where=place, got=error.msg, hint=hint) from error
     except (ValueError, RecursionError) as error:
         raise InputError("not a certificate in JSON", where=where, got=str(error)) from error
     if not isinstance(data, dict):

@@ -36,7 +36,9 @@ def number(value: Any, where: str) -> float:
         where=where,
         expected="a finite number",
         got=format_value(value),
-        hint="without quotes and unit: 0.3 for 300 ms" if isinstance(value, str) else None,
+        hint="without quotes and unit: 0.3 for 300 ms"
+        if isinstance(value, str)
+        else "a number, such as 0.3",
     )
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise wrong
@@ -66,6 +68,7 @@ def matrix_from_rows(value: Any, where: str) -> Matrix:
             where=where,
             expected="equally many numbers in every row",
             got=f"rows of {' and '.join(map(str, lengths))}",
+            hint="an entry in each place, 0.0 where there is nothing",
         )
     entries = [
         [number(x, f"{where}[{i}][{j}]") for j, x in enumerate(row)] for i, row in enumerate(value)

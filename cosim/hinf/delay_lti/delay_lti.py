@@ -326,7 +326,7 @@ class DelayLTI(Blocks):
                 "a system without states is no plant",
                 where="plant",
                 got=repr(self)[1:-1],
-                hint="a gain is a matrix or `gain` of a connection",
+                hint="a gain is a matrix, or the gain of a connection",
             )
         delays = [Delay(t.h, t.A) for t in rest]
         return DelaySystem(first.A, first.B, None, first.C, None, first.D, delays=delays)

@@ -43,6 +43,7 @@ from .scaling import (
 from .solver_status import (
     FAILED as FAILED,
     OTHER_ROUTES as OTHER_ROUTES,
+    OTHER_UNITS as OTHER_UNITS,
     not_found as not_found,
     solver_words as solver_words,
 )

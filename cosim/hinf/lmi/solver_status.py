@@ -26,10 +26,8 @@ _STATUS: dict[str, Status] = {
     "AlmostDualInfeasible": "unbounded",
 }
 
-OTHER_ROUTES = (
-    "a search for k1 and k2 (--search), other k1 and k2, another condition (--order 1), "
-    "a gamma to meet (--gamma), or other units for states, inputs and time"
-)
+OTHER_UNITS = "other units for states, inputs and time, so that their numbers are near 1"
+OTHER_ROUTES = f"another condition (order 1), a gamma to meet, or {OTHER_UNITS}"
 """What to try if the solver failed."""
 
 FAILED = "the solver failed"

@@ -252,6 +252,7 @@ def _check_states(states: Sequence[int], n: int, where: str) -> None:
             where=where,
             expected=f"different numbers from 1 to {n}",
             got=", ".join(str(j + 1) for j in states),
+            hint="states are counted from 1, in the order of the rows of A",
         )
 
 

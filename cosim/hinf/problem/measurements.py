@@ -129,6 +129,7 @@ def _states(numbers: list[int] | None, n: int, where: str) -> list[int]:
             where=where,
             expected=f"different numbers from 1 to {n}",
             got=format_value(numbers),
+            hint="states are counted from 1, in the order of the rows of A",
         )
     return [x - 1 for x in numbers]
 

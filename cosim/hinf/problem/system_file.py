@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Any, ClassVar, Final, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainValidator, model_validator
 
@@ -84,6 +84,7 @@ class SystemTable(SystemPart):
                 "one delay and a list of delays at once",
                 expected="either d, A1, H1 or [[system.delays]]",
                 got=f"{', '.join(one)} beside delays",
+                hint="write d and A1 as a table [[system.delays]] too, with d and A",
             )
         if one and (one == ["d"] or "d" not in one):
             raise InputError(
@@ -268,6 +269,32 @@ _MEANT: Final[Mapping[KeyPath, Mapping[str, str]]] = MappingProxyType(
 
 class SystemFile(Part):
     """A system, and what is to be designed for it."""
+
+    meant: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {
+            **dict.fromkeys(("measurements.age", "measurements.delay"), "d"),
+            **dict.fromkeys(("gammamax", "hinfnorm", "bound"), "design.gamma"),
+            **dict.fromkeys(("sys", "plant", "model", "matrices"), "system"),
+            "alpha": "decay",
+            "rateofdecay": "decay",
+        }
+    )
+    examples: ClassVar[Mapping[str, str]] = MappingProxyType(
+        {
+            "A": "[[0.0, 1.0], [-1.0, -0.1]], a row per state",
+            "B": "[[0.0], [1.0]], a row per state",
+            "d": "0.3, in seconds",
+            "gamma": "5.0",
+            "k1": "[0.6], one number per delay",
+            "k2": "[0.2], one number per delay",
+            "decay": "0.5, in 1/s",
+            "feedback": "true",
+            "any_age": "true",
+            "sampled": "true",
+            "name": '"depth"',
+            "states": "[1], numbers of states from 1",
+        }
+    )
 
     system: SystemTable
     """The matrices."""

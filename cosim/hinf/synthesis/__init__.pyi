@@ -5,6 +5,7 @@ from .ages_of_messages import (
     MessageAges as MessageAges,
     message_ages as message_ages,
 )
+from .alternatives import with_alternatives_to as with_alternatives_to
 from .analysis import analyse as analyse, preferred as preferred
 from .any_age_proofs import (
     for_any_command as for_any_command,

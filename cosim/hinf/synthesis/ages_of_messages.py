@@ -23,10 +23,12 @@ from cosim.hinf.delay_lti import (
     checked_system,
     one_thread,
 )
-from cosim.hinf.problem import DELAY_LIMIT, refuse_structure
+from cosim.hinf.problem import DELAY_LIMIT, DesignConstraints, refuse_structure
+from cosim.hinf.synthesis.alternatives import RefusedDesign, alternatives_of, what_else
 from cosim.hinf.synthesis.analysis import analyse, gain_of
 from cosim.hinf.synthesis.certified_delays import certified_age
 from cosim.hinf.synthesis.gain_design import design
+from cosim.hinf.synthesis.result import Result
 from cosim.models import Delay, DelaySystem
 
 Assumption = Literal["any", "sampled", "constant"]
@@ -202,13 +204,8 @@ def message_ages(
         rows.append(_row(at, index, k1, k2, gain, gamma))
     proved = [row for row in rows if row.certified]
     if not proved:
-        raise NotAchievableError(
-            "no gain is proved at any of these ages",
-            where=system.name or None,
-            expected=f"messages of {' or '.join(f'{age:g}' for age in ages)} s to be young enough",
-            got=rows[0].reason,
-            hint="younger messages (--ages), or a larger --gamma",
-        )
+        youngest = _at(system, index, ages[0], assumption, least_age)
+        raise _none_proved(youngest, index, ages, rows[0].reason, k1, k2, gain, gamma)
     middle = proved[len(proved) // 2]
     present = (known.d if has_feedback else 0.0) if own_age is None else own_age
     chosen = min(proved, key=lambda row: abs(row.age - present)) if present else middle
@@ -223,6 +220,44 @@ def message_ages(
     return MessageAges(
         *(system, index, assumption, least_age, gamma, tuple(rows)),
         *(chosen.age, gain_of(system, chosen.K), tuple(limits)),
+    )
+
+
+def _none_proved(
+    youngest: DelaySystem,
+    index: int,
+    ages: Sequence[float],
+    reason: str | None,
+    k1: Sequence[float] | None,
+    k2: Sequence[float] | None,
+    gain: ArrayLike | None,
+    gamma: float | None,
+) -> NotAchievableError:
+    """Return the error for ages of which none is proved, with one that is.
+
+    youngest : the system with the least of the ages.
+    """
+
+    def design_at(there: DelaySystem, bound: float | None, _: DesignConstraints) -> Result:
+        return design(there, k1, k2, gamma=bound, gain=gain, alternatives=False)
+
+    no_more = DesignConstraints()
+    can = alternatives_of(RefusedDesign(youngest, gamma, k1, k2, "auto", gain, no_more, design_at))
+    age = None if can.delays is None else can.delays[index]
+    hints = [] if can.gamma is None else [f"gamma = {can.gamma:g}, which is certified"]
+    hints += [] if age is None else [f"an age of {age:g} s, which is certified"]
+    got = str(reason)
+    if can.least is not None:
+        got += f"; no age of {can.least[index]:g} s or more could be certified either"
+    return NotAchievableError(
+        "no gain is proved at any of these ages",
+        where=youngest.name or None,
+        expected=f"messages of {' or '.join(f'{age:g}' for age in ages)} s to be young enough",
+        got=got,
+        hint=(", and " if can.together else ", or ").join(hints) or what_else(youngest),
+        delays=None if age is None else (age,),
+        gamma=can.gamma,
+        together=can.together,
     )
 
 
@@ -294,7 +329,7 @@ def _row(
     """Design, or prove, at one age."""
     age, reason = system.delays[index].d, None
     try:
-        loop = design(system, k1, k2, gamma=gamma, gain=gain)
+        loop = design(system, k1, k2, gamma=gamma, gain=gain, alternatives=False)
     except NotAchievableError as error:
         if gain is None:
             return AgeRow(age, None, None, None, None, None, stable=False, reason=error.what)

@@ -89,7 +89,9 @@ def for_any_command(proved: Result, *, most: float | None = None) -> Result:
 
 def _proved(proved: Result, hold: float | None, order: Order) -> Result:
     if proved.observer is None:
-        return design(_of_any_age(proved.system, hold), gain=proved.K, order=order)
+        return design(
+            _of_any_age(proved.system, hold), gain=proved.K, order=order, alternatives=False
+        )
     pair = proved.pair
     return design_output_feedback(
         *(pair.plant, [_measured(x, hold) for x in pair.measurements]),

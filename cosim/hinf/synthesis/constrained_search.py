@@ -19,6 +19,7 @@ from cosim.hinf.certificate import GainLimit, Guarantees, norm_above
 from cosim.hinf.exact import exact
 from cosim.hinf.lmi import (
     FAILED,
+    OTHER_UNITS,
     Answer,
     ConstrainedProblem,
     not_found,
@@ -139,12 +140,10 @@ class ConstrainedSearch:
                 where=self._system.name or None,
                 expected=describe_constraints(self._design_constraints)
                 + ("" if self._gamma is None else f", and gamma = {self._gamma:g}"),
-                got=f"at {len(tried)} pairs k1, k2"
-                + (", and from each by a search" if self._search else "")
-                + f", none is proved; at the last, k1 = {list(tried[-1].k1)}, "
-                f"k2 = {list(tried[-1].k2)}: {reason}",
-                hint="weaker constraints, other k1, k2 or a search for them, a larger gamma"
-                + ("; the solver failed: other units" if FAILED in reason else ""),
+                got=f"none of {len(tried)} starts led to a proof; of the last, {reason}",
+                hint="weaker constraints"
+                + ("" if self._gamma is None else ", a larger gamma")
+                + (f", or {OTHER_UNITS}" if FAILED in reason else ""),
             )
         if self._gamma is not None or best.gamma is None or plain is None:
             return best

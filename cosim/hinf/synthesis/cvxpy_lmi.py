@@ -237,6 +237,6 @@ def cvxpy_design(
         "no solution of the plain LMI was found and certified with cvxpy",
         where=system.name or None,
         expected="a solution whose gain is proved exactly",
-        got=", ".join(f"{word} at {n} pairs k1, k2" for word, n in statuses.items()) + reason,
-        hint="other k1, k2 or a search for them, a larger gamma",
+        got=", ".join(f"{word} at {n} starts" for word, n in statuses.items()) + reason,
+        hint="a larger gamma, or the solver clarabel",
     )

@@ -113,7 +113,9 @@ def delay_by_theorem_2(
         where=system.name or None,
         expected=f"an exact proof near d = {end.d[delay_index]:.6g}, the greatest by the solver",
         got=reason,
-        hint=hint_after(reason, "another k1, k2, or a larger gamma"),
+        hint=hint_after(
+            reason, "a larger gamma" if search else "another k1, k2, or a larger gamma"
+        ),
     )
 
 
@@ -190,14 +192,14 @@ def _none_at_all(
 ) -> NotAchievableError:
     """Return the error with the proof that no delay is feasible, or with the `reason` without."""
     goal = "stability" if gamma is None else f"gamma = {gamma:g}"
-    where = "the k1, k2 searched" if search else f"k1 = {list(p.k1)}, k2 = {list(p.k2)}"
+    at = "" if search else f", with k1 = {list(p.k1)}, k2 = {list(p.k2)}"
     usual = "a larger gamma" if search else "other k1, k2, or a search for them; a larger gamma"
     return NotAchievableError(
         f"no delay was found at which {goal} can be certified"
         if proof is None
         else f"{goal} cannot be achieved at any delay with these k1, k2",
         where=system.name or None,
-        expected=f"a feasible LMI at a small delay, with {where}",
+        expected=f"a feasible LMI at a small delay{at}",
         got=reason
         if proof is None
         else f"proved: the LMI has no solution at delays {list(p.d)}, nor at greater ones",

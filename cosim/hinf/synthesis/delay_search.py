@@ -24,6 +24,7 @@ _SHARES = (1.0, 0.25, 0.0625, 2.0**-6, 2.0**-10, 1e-6)
 """Starting delays of the ascent, as shares of the limit."""
 _SOLVES = 60
 _INSIDE = 1e-5  # slack kept by the ascent, so that its end is feasible
+_FAR = 100.0  # logarithm of the limit over a delay that no step goes below: it would be zero
 _WALL = -10.0  # in place of log(gamma / least gamma) where there is no least gamma
 
 
@@ -42,12 +43,13 @@ def search_greatest_delay(
     N = len(p.d)
     lengths = np.array([d if d > 0 else 1.0 for d in start.d])
     signs = np.sign(start.k2)
+    shortest = math.log(limit) - _FAR
     best = [start]
     seen: dict[bytes, tuple[float, Array]] = {}
     budget = problem.solve_count + _SOLVES
 
     def scalars(u: Array) -> Scalars:
-        lengths[delay_index] = math.exp(min(u[-1], math.log(limit)))
+        lengths[delay_index] = math.exp(min(max(u[-1], shortest), math.log(limit)))
         k2 = signs * np.exp(u[:N]) / lengths
         d = (*p.d[:delay_index], min(float(lengths[delay_index]), limit), *p.d[delay_index + 1 :])
         return Scalars(tuple(map(float, u[N : 2 * N] * k2)), tuple(map(float, k2)), d)

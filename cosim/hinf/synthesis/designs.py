@@ -31,6 +31,10 @@ GAIN_DIGITS = 6
 """Significant digits of a designed gain, relative to its largest entry."""
 
 
+class GammaFloorError(NotAchievableError):
+    """No controller has a gamma as small as this: the gain at high frequency is that of D1."""
+
+
 def design_of_theorem_2(
     system: DelaySystem, K: Matrix, proof: Proof, least: float | None
 ) -> Result:
@@ -103,7 +107,7 @@ def proved_by_analysis(
             where=system.name or None,
             expected=f"a gain whose analysis has less than {gamma:g}",
             got=f"{min(leasts):.6g}, the least that was found",
-            hint="other k1, k2 to start from, or a search for them; a higher order",
+            hint="a larger gamma, or a higher order",
         )
     goal = "stability" if gamma is None else f"gamma = {gamma:g}"
     failure = reason if count else not_found(words)
@@ -114,9 +118,7 @@ def proved_by_analysis(
         got=f"{count} gains, none of them proved; of the last, {failure}"
         if count
         else f"no gain was found: {failure}",
-        hint=hint_after(
-            failure, "a larger gamma, a shorter delay, a smaller envelope, another order"
-        ),
+        hint=hint_after(failure, "a larger gamma, a shorter delay, another order"),
     )
 
 
@@ -185,13 +187,13 @@ def check_achievable(gamma: float, system: DelaySystem) -> None:
     Raises
     ------
     InputError : no positive number, or a system without w and z.
-    NotAchievableError : gamma <= ||D1||.
+    GammaFloorError : gamma <= ||D1||.
     """
     floor = float(np.linalg.norm(system.D1, 2)) if system.D1.size else 0.0
     check_gamma(gamma, system)
     proof = gamma_floor(system, gamma)
     if proof is not None or gamma <= floor:
-        raise NotAchievableError(
+        raise GammaFloorError(
             f"no gamma <= ||D1|| = {floor:g} exists: at high frequency the gain from w to z is "
             "that of D1, for any controller",
             where=system.name or None,
@@ -202,6 +204,6 @@ def check_achievable(gamma: float, system: DelaySystem) -> None:
                 if proof is None
                 else f"; proved in rational arithmetic: |D1 w| >= {gamma:g} |w|"
             ),
-            hint="another D1, or a larger gamma; no delay, k1, k2 or gain helps",
+            hint="a larger gamma, or another D1; no delay and no gain helps",
             certificate=proof,
         )

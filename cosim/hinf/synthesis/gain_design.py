@@ -26,6 +26,7 @@ from cosim.hinf.problem import (
     without_uncertainty,
 )
 from cosim.hinf.synthesis import theorem_2_gamma
+from cosim.hinf.synthesis.alternatives import RefusedDesign, with_alternatives
 from cosim.hinf.synthesis.analysis import Order, analyse
 from cosim.hinf.synthesis.bessel_legendre_gains import bessel_legendre_gains, check_order
 from cosim.hinf.synthesis.constrained_search import (
@@ -45,6 +46,7 @@ from cosim.hinf.synthesis.routes import (
     Request,
     analysed_again,
     designed_by_some_route,
+    theorem_2_route,
 )
 from cosim.hinf.synthesis.search import initial_scalars
 from cosim.hinf.synthesis.stabilisability import NoGainError
@@ -71,6 +73,7 @@ def design(
     peak_control: Sequence[float] | float | None = None,
     offset: Sequence[float] | None = None,
     energy: float | None = None,
+    alternatives: bool = True,
 ) -> Result:
     """Design a state feedback and prove its gamma, or prove the gamma of a given gain.
 
@@ -99,6 +102,8 @@ def design(
         needs `offset`, `energy` or both.
     offset : (n,) the initial state, |x_i| <= offset_i, constant before t = 0.
     energy : int w'w <= energy^2.
+    alternatives : where the design is refused, look for a delay and a gamma that can be had, and
+        name them in the error, which takes a few times as long; False for a loop of many designs.
 
     Returns
     -------
@@ -108,7 +113,8 @@ def design(
     Raises
     ------
     InputError : numbers that do not fit the system.
-    NotAchievableError : no certified solution with this gamma and these design constraints.
+    NotAchievableError : no certified solution with this gamma and these design constraints; its
+        `delays` and `gamma` are what can be had instead.
 
     Examples
     --------
@@ -128,8 +134,6 @@ def design(
             refuse_structure(
                 system, "Theorem 2", "leave out k1, k2, search, solver, decay and peak_control"
             )
-    given = k1 is not None or k2 is not None
-    one, two, look = initial_scalars(system, k1, k2, search)
     design_constraints = design_constraints_of(
         system,
         decay=decay,
@@ -141,18 +145,50 @@ def design(
         within=within,
     )
     _check_combination(design_constraints, solver)
+
+    def design_at(
+        there: DelaySystem, bound: float | None, constraints: DesignConstraints
+    ) -> Result:
+        return _design(
+            *(there, k1, k2, bound, gain, search, order, solver), constraints=constraints
+        )
+
+    try:
+        return design_at(system, gamma, design_constraints)
+    except NotAchievableError as error:
+        if not alternatives:
+            raise
+        refused = RefusedDesign(system, gamma, k1, k2, order, gain, design_constraints, design_at)
+        raise with_alternatives(error, refused) from None
+
+
+def _design(
+    system: DelaySystem,
+    k1: Sequence[float] | None,
+    k2: Sequence[float] | None,
+    gamma: float | None,
+    gain: ArrayLike | None,
+    search: bool | None,  # noqa: FBT001 - passed on as it was given
+    order: Order | None,
+    solver: str,
+    *,
+    constraints: DesignConstraints,
+) -> Result:
+    """Design or prove a gain, as `design` does, or refuse it."""
+    given = k1 is not None or k2 is not None
+    one, two, look = initial_scalars(system, k1, k2, search)
     if gamma is not None:
         check_achievable(gamma, system)
     if system.is_structured:
-        return structured_design(system, order, gamma, gain, design_constraints)
+        return structured_design(system, order, gamma, gain, constraints)
     if isinstance(order, int):
         check_order(order, system)
     asked = Request(system, one, two, given, look or search, gamma)
-    if not design_constraints.any:
+    if not constraints.any:
         if gain is None:
             return _designed(asked, order, solver, search=look)
         return _proved(asked, gain, order, solver, search=look)
-    return _with_constraints(asked, gain, design_constraints, order, search=look, given=search)
+    return _with_constraints(asked, gain, constraints, order, search=look, given=search)
 
 
 def _with_constraints(
@@ -294,7 +330,7 @@ def _by_theorem_2(
         try:
             return searching.best(plain)
         except NotAchievableError as error:
-            errors.append(("k1, k2 searched" if look else "these k1, k2", error))
+            errors.append((theorem_2_route(asked, searched=look), error))
     if may_search:
         for name, propose in _other_gains(asked, start, design_constraints):
             try:

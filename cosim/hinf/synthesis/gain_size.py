@@ -47,9 +47,9 @@ def gain_remark(system: DelaySystem, K: Matrix) -> str | None:
     price = (
         "z does not contain every input: give u a weight in z (rows of D2)"
         if free
-        else "give u a larger weight in z (D2, or --weights)"
+        else "give u a larger weight in z (D2, or weights)"
     )
-    return f"|K| = {_norm(K):.3g} is very large: {why}; {price}, or bound |K| with --gain-limit"
+    return f"|K| = {_norm(K):.3g} is very large: {why}; {price}, or bound |K| with a gain limit"
 
 
 def _fastest(A: Matrix) -> float:

@@ -7,6 +7,7 @@ from typing import Literal
 
 from cosim.core import NotAchievableError
 from cosim.hinf.delay_lti import checked_system
+from cosim.hinf.lmi import OTHER_UNITS
 from cosim.hinf.problem import DELAY_LIMIT, ages_are_known, of_any_age, refuse_structure
 from cosim.hinf.synthesis.analysis import Order
 from cosim.hinf.synthesis.delay_result import GreatestDelay
@@ -92,7 +93,7 @@ def greatest_delay(
             order=of_analysis,
         )
     if greatest is None:
-        raise none_succeeded(errors)
+        raise none_succeeded(errors, "a larger gamma" if gamma is not None else OTHER_UNITS)
     return greatest
 
 

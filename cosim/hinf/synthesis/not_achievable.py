@@ -24,35 +24,39 @@ from cosim.hinf.synthesis.stabilisability import NoGainError, unstabilisable_err
 from cosim.hinf.theorems import Scalars
 from cosim.models import DelaySystem
 
-_OTHER_SCALARS = "another k1, k2 (start from k1 = -k2), a shorter delay, a smaller envelope"
-_NO_ROUTE_LEFT = (
-    "a larger gamma (--gamma), a shorter delay, a smaller envelope, weaker constraints, or other "
-    "units for states, inputs and time"
+_OTHER_SCALARS = "another k1, k2 (start from k1 = -k2), or none, so that they are searched"
+NO_ROUTE_LEFT = (
+    "a larger gamma, a shorter delay, weaker constraints, or other units for states, inputs and "
+    "time"
 )
+"""What to try after every route, where nothing is known of what was asked."""
 _NOTHING = 1e-6  # a least gamma below this, in inner units, counts as zero
 
 
-def none_succeeded(errors: Sequence[tuple[str, NotAchievableError]]) -> NotAchievableError:
-    """Return the error of the first route, with those of the others and the first refutation.
+def none_succeeded(
+    errors: Sequence[tuple[str, NotAchievableError]], hint: str = NO_ROUTE_LEFT
+) -> NotAchievableError:
+    """Return the error of the first route, with the names of the others and the first refutation.
 
     errors : one or more, each with the name of its route.
+    hint : what to try where there are several.
     """
-    first = errors[0][1]
+    name, first = errors[0]
     if len(errors) == 1:
         return first
     others = [
-        f"{name}: {error.what}"
+        other
         # how near another route came
         + (f" ({error.got})" if "least that was found" in str(error.got) else "")
-        for name, error in errors[1:]
+        for other, error in errors[1:]
     ]
     proofs = [error.certificate for _, error in errors if error.certificate is not None]
     return NotAchievableError(
         first.what,
         where=first.where,
         expected=first.expected,
-        got=f"{first.got or first.what}; tried as well: {'; '.join(others)}",
-        hint=_NO_ROUTE_LEFT,
+        got=f"no proof by {name} ({first.got or first.what}), nor by {', '.join(others)}",
+        hint=hint,
         certificate=next(iter(proofs), None),
     )
 
@@ -75,12 +79,12 @@ def no_feasible_gamma(
     bare = without_performance(system)
     proof = None if given else refute(bare, Problem(bare), p, None)
     if proof is not None:
-        what = "the LMI has no solution for any gamma"
-        reason = "proved: the LMI of stability alone has none at these k1, k2 and delays"
+        what = "the LMI of Theorem 2 has no solution for any gamma"
+        reason = "proved: the LMI of stability alone has none at these delays"
     else:
         what = reason = not_found({solution.solver_message: 1})
         if FAILED not in reason:
-            what = "no solution of the LMI was found for any gamma"
+            what = "no solution of the LMI of Theorem 2 was found for any gamma"
     return NotAchievableError(
         what,
         where=system.name or None,
@@ -107,10 +111,11 @@ def gamma_below_least(
         return None
     verb = "was not" if proof is None else "cannot be"
     return NotAchievableError(
-        f"gamma = {gamma:g} {verb} reached with these k1, k2",
+        f"gamma = {gamma:g} {verb} reached by Theorem 2",
         where=system.name or None,
         expected=f"gamma >= {least.value:.6g}, the least that the solver finds at {_at(p)}",
-        got=f"{gamma:g}" + ("" if proof is None else "; proved: the LMI has no solution there"),
+        got=f"gamma = {gamma:g}, below it"
+        + ("" if proof is None else "; proved: the LMI has no solution there"),
         hint="another k1, k2: the least gamma depends on them strongly",
         certificate=proof,
     )
@@ -163,9 +168,9 @@ def not_certified(
         proof = refute(system, Problem(system), p, max(bounds, default=None))
     goal = f"gamma <= {max(bounds):.6g}" if bounds else "stability"
     return NotAchievableError(
-        "no solution of the LMI could be certified"
+        "no solution of the LMI of Theorem 2 could be certified"
         if proof is None
-        else f"the LMI has no solution for {goal} with these k1, k2",
+        else f"the LMI of Theorem 2 has no solution for {goal}",
         where=system.name or None,
         expected=f"an exact proof of {goal} at {_at(p)}",
         got=reason if proof is None else "proved: the LMI has no solution there",

@@ -50,6 +50,7 @@ from cosim.hinf.synthesis.descent import Descent
 from cosim.hinf.synthesis.designs import rounded_gain
 from cosim.hinf.synthesis.pair_gain import PairGain, parts_of_plant
 from cosim.hinf.synthesis.result import Result, proved_facts
+from cosim.hinf.synthesis.younger_measurements import name_younger
 from cosim.models import DelaySystem, Matrix, Measurement
 
 _LONGER = (1.0, 1.1, 1.2, 1.4)
@@ -129,8 +130,9 @@ def design_output_feedback(
     estimated : one truth value per state; False: it is known (`ObserverPair`). None: all are
         estimated.
     order : of the analysis, as of `analyse`.
-    quick : without a proved bound of the nominal norm and delay margins, which take seconds, and
-        of a pair of many states without proofs that take half a minute.
+    quick : without a proved bound of the nominal norm and delay margins, which take seconds, of a
+        pair of many states without proofs that take half a minute, and where it is refused
+        without a search for younger measurements that can be certified.
     offset : (n,) also prove peaks of u and x from |x_i| <= offset_i, constant before t = 0.
     initial_error : (n,) |x_i - xh_i| <= initial_error_i there, whatever x is; None: the estimate
         starts at zero, so that the error is x.
@@ -154,25 +156,59 @@ def design_output_feedback(
     """
     system = checked_system(system, control=True)
     check_order_of_analysis(order)
-    known: dict[str, Any] = {
-        "command_age": command_age,
-        "command_any_age": command_any_age,
-        "estimated": estimated,
-    }
+
+    def design_with(used: Sequence[Measurement], age: float, bound: float | None) -> Result:
+        known = {
+            "command_age": age,
+            "command_any_age": command_any_age,
+            "estimated": estimated,
+        }
+        at_rest = None if offset is None else (offset, initial_error, energy)
+        return _designed(
+            *(system, used, gain, injections, start, bound, known, order, at_rest), quick=quick
+        )
+
+    try:
+        return design_with(measurements, command_age, gamma)
+    except NotAchievableError as error:
+        if not quick:
+            name_younger(error, measurements, command_age, gamma, design_with)
+        raise
+
+
+def _designed(
+    system: DelaySystem,
+    measurements: Sequence[Measurement],
+    gain: ArrayLike | None,
+    injections: Sequence[ArrayLike] | None,
+    start: Start,
+    gamma: float | None,
+    known: dict[str, Any],
+    order: Order,
+    at_rest: tuple[Sequence[float], Sequence[float] | None, float] | None,
+    *,
+    quick: bool,
+) -> Result:
+    """Design or prove an output feedback, as `design_output_feedback` does, or refuse it.
+
+    at_rest : offset, initial error and energy, of which peaks are proved; None: none are.
+    """
     (n, m) = system.B.shape
     K = np.zeros((m, n)) if gain is None else gain
     L = [np.zeros(x.C.T.shape) for x in measurements] if injections is None else injections
     given = pair_of(system, measurements, K, L, **known)
     if gamma is not None:
         check_gamma(gamma, given.system)
-    starts = None if offset is None else _starts(given, offset, initial_error)
+    starts = None if at_rest is None else _starts(given, *at_rest[:2])
     proposed = iter([(given.K, list(given.L))])
     if gain is None or injections is None:
         kept = None if gain is None else given.K
         L_kept = None if injections is None else list(given.L)
         proposed = _proposals(given, known, kept, L_kept, start)
     designed = _best(system, measurements, proposed, known, gamma, order, brief=quick)
-    return designed if starts is None else _with_peaks(designed, starts, energy)
+    if starts is None or at_rest is None:
+        return designed
+    return _with_peaks(designed, starts, at_rest[2])
 
 
 def _starts(
@@ -260,7 +296,9 @@ def _best(
             where=system.name or None,
             expected="an exact proof of stability" if gamma is None else f"gamma = {gamma:g}",
             got=reason,
-            hint="younger measurements, less uncertainty, a larger gamma, or gains of your own",
+            hint="younger measurements, less uncertainty, "
+            + ("" if gamma is None else "a larger gamma, ")
+            + "or gains of your own",
         )
     pair, analysis = min(made, key=lambda one: one[1].gamma or 0.0)
     large = not brief and is_large(pair.system, pair.gain)

@@ -234,11 +234,12 @@ def _routes(asked: Request) -> Iterator[Route]:
 
     searched = bool(asked.search)
     yield Route(
-        "Theorem 2 with k1, k2 searched" if searched else "Theorem 2 at these k1, k2",
+        theorem_2_route(asked, searched=searched),
         partial(theorem_2_at, search=searched),
     )
     if not searched and asked.search is None and s.delays:
-        yield Route("Theorem 2 with k1, k2 searched", partial(theorem_2_at, search=True))
+        name = theorem_2_route(asked, searched=True)
+        yield Route(name, partial(theorem_2_at, search=True))
     if s.has_performance:
         yield Route("Theorem 2 for stability, then its gain", for_stability)
     orders = [n for n in (_ORDERS if constant else (0,)) if _has_delay(s)]
@@ -321,6 +322,13 @@ def _by_theorem_2(asked: Request, *, search: bool) -> Result:
         if priced is None:
             raise
         return priced
+
+
+def theorem_2_route(asked: Request, *, searched: bool) -> str:
+    """Return the name of the route by Theorem 2; of k1, k2 it speaks where the caller gave them."""
+    if not asked.given:
+        return "Theorem 2"
+    return f"Theorem 2 {'with k1, k2 searched' if searched else 'at these k1, k2'}"
 
 
 def is_small(system: DelaySystem) -> bool:

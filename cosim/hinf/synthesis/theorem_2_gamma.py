@@ -120,7 +120,7 @@ def design(
             raise OutOfProportionError(
                 "the least gamma is approached as the gain grows without bound",
                 where=system.name or None,
-                hint="give u a larger weight in z (D2), or bound |K| with --gain-limit",
+                hint="give u a larger weight in z (D2), or bound |K| by `gain_limit`",
                 least=least.value,
             )
 
@@ -311,7 +311,7 @@ def gain_at(unknowns: dict[str, Any], units: Scaling) -> NDArray[np.float64]:
 
 def checked_scalars(system: DelaySystem, k1: Sequence[float], k2: Sequence[float]) -> Scalars:
     """Return k1, k2 and the system's delays; an `InputError` where they do not fit it."""
-    refuse_structure(system, "Theorem 2", "leave out k1, k2, constraints, cvxpy: --order auto")
+    refuse_structure(system, "Theorem 2", "leave out k1, k2, constraints, cvxpy; `order` auto")
     one, two = _scalars("k1", k1, system), _scalars("k2", k2, system)
     check_size("k1", one)
     check_size("k2", two)

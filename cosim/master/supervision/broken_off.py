@@ -63,7 +63,7 @@ _HINTS: Final[Mapping[str, str]] = MappingProxyType(
         "altered": "a fault of an FMU, which writes to memory that is not its own: a component "
         "with isolate = true cannot reach the rows of others",
         **{
-            f"limits.{name}": f"a greater limit: --limit {name}=..., or limits.{name} in the "
+            f"limits.{name}": f"a greater limits.{name}, for this run or in the "
             "scenario; none for no limit"
             for name in ("call", "run", "start", "end", "memory")
         },

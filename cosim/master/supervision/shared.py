@@ -151,6 +151,6 @@ def reserve(shape: tuple[int, int]) -> tuple[SharedRun, int, int]:
             where="run",
             expected=f"{size / 1e6:.0f} MB",
             got=str(error),
-            hint="a greater limit of file sizes (ulimit -f), or --no-supervise",
+            hint="a greater limit of file sizes (ulimit -f), or a run that is not supervised",
         ) from error
     return SharedRun(memory), descriptor, size

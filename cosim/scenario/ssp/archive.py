@@ -14,7 +14,7 @@ from urllib.parse import unquote, urlsplit
 
 from lxml import etree
 
-from cosim.core import InputError
+from cosim.core import InputError, unreadable
 from cosim.fmu.inspect import BROKEN_ARCHIVE, MAX_XML, CheckedArchive
 from cosim.scenario.ssp.names import SSD, tag
 from cosim.scenario.ssp.write_ssd import check_schema
@@ -56,7 +56,12 @@ class Archive:
             checked = CheckedArchive(self.path, content)
             self._zip = zipfile.ZipFile(io.BytesIO(content))
         except BROKEN_ARCHIVE as error:
-            raise self.wrong("not an SSP archive", expected="a zip file", got=str(error)) from error
+            if isinstance(error, OSError):
+                raise unreadable(self.path, error, what="the archive cannot be read") from error
+            hint = "a .ssp file as cosim ssp export, or another tool, writes it"
+            raise self.wrong(
+                "not an SSP archive", expected="a zip file", got=str(error), hint=hint
+            ) from error
         checked.require_sound()
         names = self._zip.namelist()
         if len(names) > MAX_ENTRIES:

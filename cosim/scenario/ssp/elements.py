@@ -175,7 +175,7 @@ def _expressible(port: Port, component: str, version: SspVersion) -> None:
             where=f"component {component!r}, {port.name}",
             expected="a scalar number, truth value or text",
             got="an array" if port.shape else "Binary or Clock",
-            hint="--ssp 2.0" if port.kind is not None else None,
+            hint="`ssp` 2.0" if port.kind is not None else None,
         )
 
 
@@ -235,7 +235,7 @@ def _annotations(system: System, built: ArchiveElements, tomls: Mapping[str, str
             raise InputError(
                 "the state of a link can be exported only if the link is an FMU",
                 where=f"connection {connection.source} -> {connection.target}",
-                hint="--links fmu",
+                hint="`links` fmu",
             )
         built.wires.append(Wire(connection.source, connection.target, connection.link))
     built.annotated = dict(tomls)
@@ -243,7 +243,7 @@ def _annotations(system: System, built: ArchiveElements, tomls: Mapping[str, str
     if used:
         built.warnings.append(
             f"other tools ignore the links {', '.join(used)} and connect directly; with "
-            "--links fmu each is an FMU, which they run"
+            "links as FMUs each is one, which they run"
         )
 
 

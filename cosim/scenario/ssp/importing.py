@@ -265,7 +265,7 @@ def _run(
                 "neither the archive nor its FMUs say when the run ends",
                 SSD,
                 expected="a DefaultExperiment with a stopTime",
-                hint="--end SECONDS",
+                hint="`end` SECONDS",
             )
         table["end"] = max(stops)
         notes.append(f"no stop time: {table['end']:g} s is from its FMUs' default experiments")

@@ -106,7 +106,7 @@ def _fmus(
     if folder is None:
         return
     if not folder.is_dir():
-        raise InputError("there is no such folder", where="--fmus", got=str(folder))
+        raise InputError("there is no such folder", where="`fmus`", got=str(folder))
     there = {
         hashlib.sha256(path.read_bytes()).hexdigest(): path
         for path in sorted(folder.rglob("*.fmu"))

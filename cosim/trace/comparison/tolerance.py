@@ -72,7 +72,7 @@ class Tolerances:
         """Raise an `InputError` if a special tolerance fits none of the names."""
         for key in self.special:
             if not any(_covers(key, name) for name in names):
-                raise InputError.unknown("signal", key, names, where="--signal")
+                raise InputError.unknown("signal", key, names, where="`signal`")
 
 
 def _covers(key: str, name: str) -> bool:

@@ -94,7 +94,7 @@ def export(
     notify = report_progress or silent
     trace = Trace(path)
     chosen = _chosen(trace, topics, signals)
-    arrow = pyarrow("Parquet needs pyarrow", otherwise="--to csv") if to == "parquet" else None
+    arrow = pyarrow("Parquet needs pyarrow", otherwise="`to` csv") if to == "parquet" else None
     jobs = _places(trace, None if target is None else Path(target), to, chosen, wide=wide)
     content_hash = "" if to == "csv" else content_hash_of(trace)
     window = window_ns(start, end)

@@ -125,7 +125,7 @@ def check_size(table: str, size: int, where: Path) -> None:
             where=str(where),
             expected=f"at most {LARGEST} bytes in a table",
             got=f"{size} bytes so far",
-            hint="fewer signals (--signal), a part of the time (--start, --end), or --to parquet",
+            hint="fewer signals (`signal`), a part of the time (`start`, `end`), or `to` parquet",
         )
 
 

@@ -20,7 +20,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, McapRecord, Metadata
 
-from cosim.core import InputError
+from cosim.core import InputError, unreadable
 from cosim.trace.file.checksum import crc32
 
 Parsed = TypeVar("Parsed", bound=McapRecord)
@@ -141,11 +141,8 @@ def open_trace(path: Path) -> BinaryIO:
         regular = stat.S_ISREG(path.stat().st_mode)
         stream = path.open("rb") if regular else None
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        raise InputError(
-            "the trace cannot be opened",
-            where=str(path),
-            expected="a readable .mcap file",
-            got=getattr(error, "strerror", None) or str(error),
+        raise unreadable(
+            path, error, what="the trace cannot be opened", expected="a readable .mcap file"
         ) from error
     if stream is None:
         raise InputError(
@@ -153,6 +150,7 @@ def open_trace(path: Path) -> BinaryIO:
             where=str(path),
             expected="the path of an .mcap file",
             got="a directory" if path.is_dir() else "no regular file",
+            hint="name the .mcap file in it" if path.is_dir() else "the path of a file",
         )
     return stream
 
@@ -166,6 +164,7 @@ def check_start(start: bytes, size: int, path: Path) -> None:
             where=str(path),
             expected="a file that begins with the MCAP magic bytes",
             got=f"{size} bytes" if cut or not start else f"begins with {start!r}",
+            hint="a trace that cosim run wrote: traces/NAME.mcap",
         )
 
 

@@ -195,23 +195,23 @@ def _check(rate: float, port: int, start_s: float, token: str | None) -> None:
     if token is not None and not re.fullmatch(r"[A-Za-z0-9_-]{8,}", token):
         raise InputError(
             "not a token",
-            where="--token",
+            where="`token`",
             expected="at least eight letters, digits, - or _: it is a part of the address",
             got=repr(token),
         )
     if not 0 < rate <= LARGEST_RATE:
         raise InputError(
             "not a rate to play at",
-            where="--rate",
+            where="`rate`",
             expected=f"recorded seconds per second, above 0, at most {LARGEST_RATE:g}",
             got=str(rate),
         )
     if not 0 <= port <= 65535:
-        raise InputError("not a port", where="--port", expected="0 to 65535", got=str(port))
+        raise InputError("not a port", where="`port`", expected="0 to 65535", got=str(port))
     if not (math.isfinite(start_s) and 0 <= start_s <= 1e9):
         raise InputError(
             "not a time to start at",
-            where="--start",
+            where="`start`",
             expected="seconds, 0 or more",
             got=f"{start_s}",
         )

@@ -94,7 +94,7 @@ def quiet_environment(settings: Path) -> Mapping[str, str]:
             "Rerun's usage figures could not be switched off",
             expected=_OFF,
             got=reported.strip()[:200],
-            hint="rerun analytics disable; or --save, and open the file yourself",
+            hint="rerun analytics disable; or `save`, and open the file yourself",
         )
     return environment
 
@@ -128,7 +128,7 @@ def _open(recording: Path, environment: Mapping[str, str]) -> None:
         raise InputError(
             "the Rerun viewer ended with an error",
             got=done.stderr.strip().rpartition("\n")[2] or f"exit code {done.returncode}",
-            hint="--save FILE.rrd writes the recording without a viewer",
+            hint="`save` FILE.rrd writes the recording without a viewer",
         )
 
 
@@ -148,7 +148,7 @@ def _check_display() -> None:
             "there is no display to open a viewer on",
             expected="DISPLAY or WAYLAND_DISPLAY in the environment",
             got="neither",
-            hint="--save FILE.rrd writes the recording, to be opened elsewhere",
+            hint="`save` FILE.rrd writes the recording, to be opened elsewhere",
         )
 
 

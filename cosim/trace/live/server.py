@@ -146,7 +146,7 @@ class Server:
                 "the port cannot be listened on",
                 where=f"{LOOPBACK}:{self.port}",
                 got=str(error),
-                hint="another one: --port 0 takes any that is free",
+                hint="another one: `port` 0 takes any that is free",
             ) from error
         self.port = int(self._server.socket.getsockname()[1])
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)

@@ -103,7 +103,7 @@ def export_bag(
     stem = trace.path.name.partition(".")[0]
     target = target or trace.path.with_name(f"{stem}.ros2.mcap")
     if target.exists() and target.samefile(trace.path):
-        raise InputError("the bag would overwrite its trace", where=str(target), hint="use --out")
+        raise InputError("the bag would overwrite its trace", where=str(target), hint="use `out`")
     latest = max(high for _, high in trace.spans.values())
     with (
         not_written("the bag", target),
@@ -189,7 +189,7 @@ class _Bag:
                     "a bag has no room for so many topics",
                     where=str(self._trace.path),
                     expected=f"up to {_MOST_TOPICS} signals",
-                    hint="choose some with --topic",
+                    hint="choose some with `topic`",
                 )
             if one.type not in self._schemas:
                 text = definition(one.type).encode()

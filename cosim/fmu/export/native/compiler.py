@@ -41,7 +41,7 @@ def host_compiler() -> list[str]:
             filter(None, [f"CC={chosen}" if chosen else "none of them", why_none_prebuilt()])
         ),
         hint="install one (Debian: apt install gcc), or the extra that brings a cross compiler, "
-        "pip install 'auv-cosim[cross]', and build with --platforms all; --flavour python "
+        "pip install 'auv-cosim[cross]', and build for all `platforms`; the `flavour` python "
         "needs none",
     )
 

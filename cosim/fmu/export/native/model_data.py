@@ -163,5 +163,5 @@ def _refuse_beyond(most: int, count: int, what: str, name: str) -> None:
             where=name,
             expected=f"at most {most} {what}",
             got=str(count),
-            hint="compile it: --platforms host, or all",
+            hint="compile it: `platforms` host, or all",
         )

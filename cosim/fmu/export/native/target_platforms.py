@@ -74,6 +74,6 @@ def platforms_named(text: str, *others: str) -> tuple[Platform, ...]:
     for name in names:
         if name not in PLATFORMS:
             raise InputError.unknown(
-                "platform", name, (*others, "host", "all", *PLATFORMS), where="--platforms"
+                "platform", name, (*others, "host", "all", *PLATFORMS), where="`platforms`"
             )
     return tuple(PLATFORMS[name] for name in PLATFORMS if name in names)
