@@ -145,8 +145,9 @@ def extras() -> str:
 
 
 def install(wheel: Path, environment: Path) -> None:
-    """Install a wheel into a new environment, with the extras that the README names."""
-    subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)  # noqa: S603
+    """Install a wheel with the extras that the README names, into an environment, or a new one."""
+    if not environment.exists():
+        subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)  # noqa: S603
     pip = [str(environment / "bin" / "python"), "-m", "pip", "install", "-qq"]
     pinned = ["--disable-pip-version-check", "-c", str(ROOT / "constraints.txt")]
     subprocess.run([*pip, *pinned, f"{wheel}{extras()}"], check=True)  # noqa: S603 - our own wheel
@@ -198,10 +199,11 @@ def main() -> int:
     parser.add_argument("wheel", type=Path)
     parser.add_argument("pages", nargs="*", help="pages of the repository; none: all")
     parser.add_argument("--share", default="0/1", help="I/N: the paths, and a share of the rest")
+    parser.add_argument("--environment", type=Path, help="one with the wheel; none: a new one")
     asked = parser.parse_args()
     wheel, failed = asked.wheel.resolve(), 0
     with tempfile.TemporaryDirectory() as place:
-        environment = Path(place) / "environment"
+        environment = asked.environment or Path(place) / "environment"
         install(wheel, environment)
         for number, (name, what) in enumerate(errands(asked.pages, asked.share)):
             folder = Path(place) / f"folder-{number}"
