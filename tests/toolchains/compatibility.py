@@ -49,7 +49,7 @@ NOT_TRIED = {
     "OMSimulator": "its package loads its binaries from outside the package registry",
     "PyFMI": "its package has no wheel, and building it needs the FMI Library in C",
     "Simulink": "a commercial product; [Simulink](how-to/simulink.md) follows its documentation",
-    "Windows binaries": "Wine is not at hand where this page was made",
+    "Windows binaries": "Wine was not available where this page was made",
 }
 _HEAD = """\
 # Compatibility
@@ -58,21 +58,21 @@ What each tool does with each FMU of this project, and with its archives. This p
 runs, by `python -m tests.toolchains.compatibility docs/compatibility.md` (extra `toolchains`).
 
 - **load**: the tool loads the FMU and steps it; its outputs are those of our own master to 1e-9.
-- **loop**: so are those of the closed loop that the FMU belongs to: section 5 of the paper, or the
-  vehicle with its controller in waves.
-- **state**: saved, restored and carried over as bytes, it goes on to the same bits.
+- **loop**: the same holds for the closed loop that the FMU belongs to: section 5 of the paper, or
+  the vehicle with its controller in waves.
+- **state**: after its state is saved, restored and serialised, the FMU gives the same bits.
 - **reset**: after a reset the same run gives the same figures.
-- **two instances**: two of it in one run, with different parameters, do not disturb each other.
+- **two instances**: two instances in one run, with different parameters, do not disturb each other.
 
-A dash has its reason below the tables.
+The reason for a dash is below the tables.
 """
 
 
 _SYSTEMS = """\
 ## Systems
 
-What was done for each. A binary that is compiled for a system and never loaded there may still
-fail there; what each system lacks by design says [the master](explanation/master.md).
+What was done for each. A binary that was compiled for a system but never loaded there can still
+fail there; [the master](explanation/master.md) says what each system lacks by design.
 
 | system | binaries of FMUs and of the loop | the package | the tests |
 |---|---|---|---|
@@ -81,24 +81,24 @@ fail there; what each system lacks by design says [the master](explanation/maste
 | Windows x86_64 | cross-compiled, never loaded | simulated on Linux | never run |
 | macOS x86_64, aarch64 | cross-compiled, never loaded | simulated on Linux | never run |
 
-Never loaded: of these binaries the headers, imports and exports are read by tests. Simulated: on
-Linux without fork, process groups and locks, without a home, in the code page of Windows; a
-workflow for each of the two systems is written, and has never run.
+Never loaded: tests read the headers, imports and exports of these binaries. Simulated: on Linux
+without fork, process groups and locks, without a home, in the code page of Windows; a workflow for
+each of the two systems is written, but has never run.
 
-The container file was built and run once by Buildah, over a stand-in for its base image: its first
+The container file was built and run once by Buildah, with a stand-in for its base image: its first
 lines say how.
 """
 
 _OF_OTHERS = """\
 ## FMUs of other tools
 
-What runs here, whatever tool made it; `cosim fmu check` reads all of them.
+This master runs these FMUs, whatever tool made them; `cosim fmu check` reads all of them.
 
 | FMI | co-simulation | model exchange | what it lacks by its standard |
 |---|---|---|---|
 | 1.0 | yes | refused | saved states, with snapshots and solved loops; log categories |
 | 2.0 | yes | refused | Clocks, arrays, event mode |
-| 3.0 | yes, scheduled execution too | refused | |
+| 3.0 | yes, also scheduled execution | refused | |
 """
 
 _ARCHIVES_HEAD = """\
@@ -107,7 +107,7 @@ _ARCHIVES_HEAD = """\
 What each tool does with archives of `cosim ssp export`, unedited: section 5 of the paper, the same
 over links that lose, delay and quantize as FMUs, and the vehicle with its designed gain, a sea, a
 path to follow and two lossy links. "yes": its outputs are those of our own master to 1e-9 of their
-size. (FMPy sets all inputs to zero in the first step, which is another run of the vehicle.)
+size. (FMPy sets all inputs to zero in the first step, which gives another run of the vehicle.)
 """
 
 
