@@ -29,33 +29,33 @@ from published_rates import NAMES, against_model, against_published, published
 _HEAD = """\
 # Vehicles of the gallery
 
-Vehicle files that come with the package, in `cosim/vehicle/gallery`; each says beside its numbers
-where they are from. The vehicle of the paper is the NPS AUV II: the 22 derivatives of its Table
-1, as corrected here, are those of Healey and Lienard (1993) as MSS has them in `npsauv.m`, to the
-last digit, which confirms every correction. Mass and density are the paper's (5454 kg, 1000
-kg/m³) in `nps-auv2`, which is the built-in `AuvPlant`, and those of `npsauv.m` (5443 kg, 1025
-kg/m³) in `nps-auv2-6dof`.
+These vehicle files come with the package, in `cosim/vehicle/gallery`; each names the sources of its
+numbers. The vehicle of the paper is the NPS AUV II: the 22 derivatives of its Table 1, as corrected
+here, equal those of Healey and Lienard (1993) in `npsauv.m` of MSS to the last digit, which
+confirms every correction. Mass and density are the paper's (5454 kg, 1000 kg/m³) in `nps-auv2`,
+which is the built-in `AuvPlant`, and those of `npsauv.m` (5443 kg, 1025 kg/m³) in `nps-auv2-6dof`.
 """
 _COMPARED = """
-Sensors, envelopes and what is controlled are not part of the published models; their figures are
-typical of such instruments.
+Sensors, envelopes and controlled states are not part of the published models; their figures are
+typical of such vehicles.
 
 ## Right-hand sides
 
-Greatest relative difference of the rates from those that the model's own repository computes,
-over random states, actuators and currents: of the vector of accelerations ν′ and of η′ (norm over
-norm), and of an entry that is at least a thousandth of its vector. "Corrected": with what the
-tables below change; "as published": with a vehicle file that has the published errors, in those
-cases where a file can express the model. This page is made by `python -m
+The table has the greatest relative difference between the rates here and those of the model's own
+repository, over random states, actuators and currents: for the vectors of accelerations ν′ and of
+η′ (norm over norm), and for an entry that is at least a thousandth of its vector. "Corrected": with
+the changes in the tables below; "as published": with a vehicle file that has the published errors,
+in the cases where a file can express the model. This page is made by `python -m
 tests.benchmarks.right_hand_sides --page`; the numbers and their sources are in
-`tests/vehicle/published`, and `tests/vehicle/test_vehicle_gallery.py` holds them below 1e-9.
+`tests/vehicle/published`, and `tests/vehicle/test_vehicle_gallery.py` holds them below
+1e-9 (an entry of `nps-auv2-6dof` as published: 1e-8).
 """
 _CONTRADICTIONS = """
-The guard `eps_prop` of a division in `npsauv.m` is what is left of 1e-9 there.
+The larger differences from `npsauv.m` as published come from `eps_prop`, its guard of a division.
 
 MSS and PythonVehicleSimulator have further models of the same names. `remus100.m` of MSS (2025)
-is another vehicle than `remus100.py`: a spheroid scaled to 31.9 kg, cross-flow drag of a cylinder
-in both planes, fins to 20 degrees; its surge damping fades with
+is a different vehicle from `remus100.py`: a spheroid scaled to 31.9 kg, cross-flow drag of a
+cylinder in both planes, fins to 20 degrees; its surge damping fades with
 `U_g=sqrt(nu(1)^1+nu(2)^2)`, a complex number at -1 m/s without sway, and its functions use 1026,
 1025 (`crossFlowDrag.m`) and 1026 kg/m³ (`forceLiftDrag.m`) in one run. `remus100.py` says 31.9 kg
 and computes with 31.03 kg."""
