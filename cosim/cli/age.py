@@ -30,24 +30,24 @@ def age(
     ages: Annotated[
         str | None,
         typer.Option(
-            help="Greatest ages to compute, in seconds: 0.5,1,2. Default: around its own."
+            help="Greatest ages to compute, in seconds: 0.5,1,2. Default: around the age "
+            "of the system."
         ),
     ] = None,
-    gamma: Annotated[
-        float | None, typer.Option(help="A gamma that the ages have to allow for.")
-    ] = None,
+    gamma: Annotated[float | None, typer.Option(help="A gamma to meet at each age.")] = None,
     gain: Annotated[
         str | None,
         typer.Option(
-            help='A gain to keep, as rows: "[[0.6, -0.5]]" (default: that of the scenario, or a '
+            help='A gain to keep, as rows: "[[0.6, -0.5]]" (default: the scenario\'s, or a '
             "new one for each age)."
         ),
     ] = None,
     assumption: Annotated[
         str | None,
         typer.Option(
-            help="What the table assumes of the age: any (however it varies), sampled (it grows at "
-            "rate one between messages) or constant. Default: what the system says."
+            help="What the table assumes about the age: any (however it varies), sampled "
+            "(it grows at rate one between messages) or constant. Default: what the "
+            "system says."
         ),
     ] = None,
     bit_rate: Annotated[
@@ -74,26 +74,27 @@ def age(
     losses: Annotated[
         int | None,
         typer.Option(
-            help="Losses in a row to bear (default: exceeded once an hour at most).",
+            help="Number of losses in a row to tolerate (default: a number exceeded at "
+            "most once an hour).",
             rich_help_panel=_PANEL,
         ),
     ] = None,
     other: Annotated[
         float,
         typer.Option(
-            help="What else makes messages older, such as the way of the command [s].",
+            help="Further delay that adds to the age, such as that of the command [s].",
             rich_help_panel=_PANEL,
         ),
     ] = 0.0,
     sound_speed: Annotated[
         float,
-        typer.Option(help="Speed of the signal [m/s]; 3e8: radio.", rich_help_panel=_PANEL),
+        typer.Option(help="Speed of the signal [m/s]; 3e8 for radio.", rich_help_panel=_PANEL),
     ] = hinf.problem.SOUND_SPEED,
     delay_limit: DelayLimitOption = hinf.problem.DELAY_LIMIT,
     picture: Annotated[
         Path | None,
         typer.Option(
-            help="Also draw the table: a .png, .svg or .pdf file (needs the extra plot).",
+            help="Also draw the table to this .png, .svg or .pdf file (needs the extra plot).",
             callback=output_file,
         ),
     ] = None,
@@ -101,13 +102,13 @@ def age(
 ) -> None:
     """Compute how old the messages of a loop may be, and what each age costs.
 
-    The table has, for each greatest age, a gain designed for it (or the one you give), its
-    certified gamma, the exact norm and the delay margin of the nominal loop, and how much control
-    a disturbance asks for. Above it stand the limits of one gain in order: any age, sampled,
-    constant (all certified), and the constant age at which the nominal loop loses stability.
+    For each greatest age, the table shows a gain designed for it (or the one you give), its
+    certified gamma, the exact norm and the delay margin of the nominal loop, and how much control a
+    disturbance needs. Above the table are the limits of one gain: for any age, a sampled age and a
+    constant age (all certified), and the constant age at which the nominal loop loses stability.
 
-    With --bit-rate and --packet the facts of a modem become the age to design for, the
-    arithmetic shown.
+    With --bit-rate and --packet, the age to design for is computed from the data of a modem, and
+    the arithmetic is shown.
 
     \b
     cosim age my-system.toml --ages 0.1,0.3

@@ -51,11 +51,11 @@ def check(
 ) -> None:
     """Prove the claim of a certificate again from the file alone: no solver, no rounding.
 
-    The output names the system that the certificate is about, and the entries of the file that
-    nothing proves (figures, names); with --details the theorem with all its hypotheses. With
-    --system, every matrix, delay and age is compared, entry by entry. For a controller FMU or a
-    trace, the command also checks that the certificate is about the gain in it: the start values
-    of K[i,j], or the gain that the run used.
+    The output names the system that the certificate is about, and the entries of the file that are
+    not proved (figures, names); with --details, also the theorem with all its hypotheses. With
+    --system, every matrix, delay and age is compared with that system, entry by entry. For a
+    controller FMU or a trace, the command also checks that the certificate is about the gain in it:
+    the start values of K[i,j], or the gain that the run used.
 
     Exit code 0: the claim is proved, and about that system; 1: it is not; 2: there is no
     certificate.
@@ -115,15 +115,15 @@ def prove(
     hold: Annotated[
         float | None,
         typer.Option(
-            help="Greatest age, in seconds, of what acts at once in the certificate: commands, a "
-            "state feedback, measurements without an age. The longest hold and a step."
+            help="Greatest age, in seconds, of commands, a state feedback or measurements "
+            "that have no age in the certificate: the longest hold plus one step."
         ),
     ] = None,
     order: Annotated[
         str,
         typer.Option(
-            help="N: by the Bessel-Legendre inequality of order N; auto: by the best condition "
-            "that takes seconds, as of cosim analyse."
+            help="N: prove with the Bessel-Legendre inequality of order N; auto: with the "
+            "best condition that takes a few seconds, as in cosim analyse."
         ),
     ] = "auto",
     save: Annotated[
@@ -133,10 +133,10 @@ def prove(
 ) -> None:
     """Prove the gains of a design again, for ages that a run can have; K and L stay as they are.
 
-    What is held between messages or steps is never of a constant age. Where the certificate takes
-    the age of a measurement, a feedback or a command to be constant, the new proof is for any age
-    up to it; where it takes it to be none, for any age up to --hold. Delays inside the plant stay
-    as they are. What the certificate proves beside gamma, such as a rate of decay, is not proved
+    A value that is held between messages or steps never has a constant age. Where the certificate
+    assumes a constant age of a measurement, a feedback or a command, the new proof covers any age
+    up to it; where it assumes no age, any age up to --hold. Delays inside the plant stay as they
+    are. Anything that the certificate proves beside gamma, such as a rate of decay, is not proved
     again: the output names it.
 
     Exit code 0: proved; 2: not a design, or --hold is missing; 5: these gains are not proved for

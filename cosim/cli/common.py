@@ -25,7 +25,7 @@ RunFlavour = Literal["native", "native-fmi3", "python"]
 """Choices of --flavour for runs."""
 
 DetailsOption = Annotated[
-    bool, typer.Option("--details", help="Show everything, not only what an answer needs.")
+    bool, typer.Option("--details", help="Show everything behind the answer.")
 ]
 JsonOption = Annotated[
     bool,

@@ -55,7 +55,7 @@ DelaysOption = Annotated[
 LeastAgesOption = Annotated[
     str | None,
     typer.Option(
-        help="Least age of each delay in seconds, such as 0,0.5: what is proved then holds for "
+        help="Least age of each delay in seconds, such as 0,0.5: the proof then holds for "
         "ages between it and the delay, however they vary."
     ),
 ]
@@ -63,8 +63,8 @@ SampledOption = Annotated[
     bool,
     typer.Option(
         "--sampled",
-        help="The age of the feedback grows at rate one, from its least age to its delay at most, "
-        "until the next sample is used.",
+        help="Assume that the age of the feedback grows at rate one, from its least age to "
+        "at most its delay, until the next sample is used.",
     ),
 ]
 DelayLimitOption = Annotated[float, typer.Option(help="Largest delay that is tried, in seconds.")]
@@ -72,37 +72,40 @@ DelayLimitOption = Annotated[float, typer.Option(help="Largest delay that is tri
 DampingOption = Annotated[
     float | None,
     typer.Option(
-        help="Least damping ratio, between 0 and 1, of every characteristic root s of the nominal "
-        "loop with Re s >= -WITHIN (--within); no sector holds all roots of a loop with a delay."
+        help="Least damping ratio, between 0 and 1, of every characteristic root s of the "
+        "nominal loop with Re s >= -WITHIN (--within); no sector contains all roots "
+        "of a loop with a delay."
     ),
 ]
 WithinOption = Annotated[
     float | None,
-    typer.Option(help="How far to the left --damping is for, in 1/s: roots with Re s >= -WITHIN."),
+    typer.Option(help="The roots that --damping is about: those with Re s >= -WITHIN, in 1/s."),
 ]
 MeasuredOption = Annotated[
     str | None,
-    typer.Option(help="Numbers of the states that are fed back, from 1: K is zero for the others."),
+    typer.Option(
+        help="Numbers of the states that are fed back, counted from 1; K is zero for the others."
+    ),
 ]
 IntegralOption = Annotated[
     str | None,
     typer.Option(
-        help="Numbers of the states, from 1, that the controller integrates as it receives them: "
-        "integral action on each."
+        help="Numbers of the states with integral action, counted from 1: the controller "
+        "integrates them as it receives them."
     ),
 ]
 IntegralWeightsOption = Annotated[
     str | None,
     typer.Option(
-        help="Weights of the integrals in z, one number or one each; by default 0.1/d times those "
-        "of their states, d the delay of the feedback."
+        help="Weights of the integrals in z, one number or one for each (default: 0.1/d "
+        "times those of their states, where d is the delay of the feedback)."
     ),
 ]
 IntegralAgeOption = Annotated[
     float | None,
     typer.Option(
-        help="Greatest age of an integral where it acts, in seconds; 0: at once. By default that "
-        "of the feedback where its age varies, otherwise 0."
+        help="Greatest age of an integral when it acts, in seconds; 0: it acts at once "
+        "(default: the age of the feedback where that varies, otherwise 0)."
     ),
 ]
 
@@ -110,9 +113,9 @@ OutagesOption = Annotated[
     bool,
     typer.Option(
         "--outages",
-        help="Also prove what holds across outages of the link, where zero input takes over by the "
-        "age designed for: rates with the link up and in outages, and how long the link must "
-        "be up.",
+        help="Also prove bounds across outages of the link, in which zero input takes over "
+        "by the age designed for: rates with the link up and in outages, and the "
+        "share of the time that the link must be up.",
     ),
 ]
 
@@ -163,8 +166,8 @@ def design(
         bool,
         typer.Option(
             "--max-delay",
-            help="Find the greatest delay at which gamma is certified: the delay of the feedback, "
-            "or else the first delay.",
+            help="Find the greatest delay of the feedback, or else the greatest first "
+            "delay, at which gamma is certified.",
         ),
     ] = False,
     delay_limit: DelayLimitOption = hinf.problem.DELAY_LIMIT,
@@ -172,7 +175,8 @@ def design(
         bool,
         typer.Option(
             "--uncertainty-price",
-            help="Also certify this gain without uncertainty, to show its share of gamma.",
+            help="Also certify this gain without uncertainty, to show how much of gamma "
+            "the uncertainty causes.",
         ),
     ] = False,
     decay: Annotated[
@@ -228,13 +232,13 @@ def design(
 
     gamma bounds the gain from w to z for every admissible uncertainty. It is certified in
     rational arithmetic for the gain that is printed and saved. The exact norm and the abscissa
-    of the nominal loop are shown beside it. If neither the system nor the command line gives k1
-    and k2, they are searched. Where nothing is found, other conditions are tried; the best proof
-    is claimed. The same certificate proves the design constraints --decay, --damping with
-    --within, --gain-limit, and --peak-control with --offset or --energy.
+    of the nominal loop are shown beside it. If neither the system nor the command line gives k1 and
+    k2, they are searched for. If no proof is found, other conditions are tried; the best proof is
+    claimed. The same certificate proves the design constraints --decay, --damping with --within,
+    --gain-limit, and --peak-control with --offset or --energy.
 
-    Where a file has [[measurements]] that need an observer, its injections are designed with the
-    gain, and both are certified together.
+    If the file has [[measurements]] that need an observer, the observer's injections are designed
+    with the gain, and both are certified together.
 
     Exit code 5: the design cannot be achieved. If that is proved, --save-refutation saves the
     proof.
@@ -413,7 +417,7 @@ def analyse(
     gain: Annotated[
         str | None,
         typer.Option(
-            help='The gain K as rows: "[[0.6, -0.5]]" (default: that of the scenario, or none).'
+            help='The gain K as rows: "[[0.6, -0.5]]" (default: the scenario\'s, or none).'
         ),
     ] = None,
     order: Annotated[
@@ -433,8 +437,8 @@ def analyse(
         bool,
         typer.Option(
             "--max-delay",
-            help="Find the greatest delay at which stability, or --gamma, is certified: the delay "
-            "of the feedback, or else the first delay.",
+            help="Find the greatest delay of the feedback, or else the greatest first "
+            "delay, at which stability, or --gamma, is certified.",
         ),
     ] = False,
     delay_limit: DelayLimitOption = hinf.problem.DELAY_LIMIT,
@@ -453,12 +457,12 @@ def analyse(
     """Analyse the loop with a given gain, or the system without control, and prove the result.
 
     The result is the least gamma that can be certified for every admissible uncertainty, or
-    stability if the system has no w and z. The verdict is "certified", "unstable" (a root of the
+    stability if the system has no w or no z. The verdict is "certified", "unstable" (a root of the
     nominal loop is proved to have a positive real part) or "undecided": a bound that is not
-    certified may still hold, and a root on the imaginary axis decides nothing. --damping is
-    proved, or not, beside it.
+    certified may still hold, and a root on the imaginary axis proves neither. With --damping, the
+    result also says whether the damping is proved.
 
-    Exit code 0: there is a verdict, whichever; 2: bad input.
+    Exit code 0: there is a verdict, whatever it is; 2: bad input.
 
     \b
     cosim analyse paper --gain "[[0.6432, -0.5679]]"

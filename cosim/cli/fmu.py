@@ -50,10 +50,12 @@ FlavourOption = Annotated[
 PlatformsOption = Annotated[
     str,
     typer.Option(
-        help="Binaries of a native FMU. prebuilt: those that the installed package brings, for all "
-        "platforms; without them as host. host: for this machine, by its own compiler. all, or "
-        "names such as x86_64-linux,x86_64-windows: cross-compiled (needs the extra cross; without "
-        "it, all is prebuilt where the package brings that). The C sources are always inside."
+        help="Binaries of a native FMU. prebuilt: those that come with the installed "
+        "package, for all platforms; if it has none, host. host: compiled for this "
+        "machine by its own compiler. all, or names such as "
+        "x86_64-linux,x86_64-windows: cross-compiled (needs the extra cross; without "
+        "it, all means prebuilt if the package has those binaries). The C sources are "
+        "always included."
     ),
 ]
 
@@ -103,11 +105,12 @@ def check(
 ) -> None:
     """Check an FMU for faults: archive, schema, variables, units, dependencies, binaries.
 
-    Each finding is an error, a warning or a note, and explains why it matters. Each has a rule
-    with a number; --rule explains it, with the sections of the standards and an example. What this
-    tool cannot read is a warning or a note, never an error of the FMU. The binary is loaded only
-    with --run. It is then initialised, stepped with its start values, saved,
-    restored, reset and terminated in a separate process, so that a crash is reported as a finding.
+    Each finding is an error, a warning or a note, and explains why it matters. Each finding has a
+    rule with a number; --rule explains the rule, with the sections of the standards and an example.
+    Anything that this tool cannot read is reported as a warning or a note, never as an error of the
+    FMU. The binary is loaded only with --run. It is then initialised, stepped with its start
+    values, saved, restored, reset and terminated in a separate process, so that a crash is reported
+    as a finding.
 
     Exit code 0: no errors; 1: at least one error; 2: the file is not an FMU.
 
@@ -165,9 +168,10 @@ def build(
 ) -> None:
     """Export a plant FMU: a linear system with delays, Eq. (7), a vehicle, or a built-in FMU.
 
-    A vehicle file, or a vehicle of the gallery, gives its equations in 4 or 6 degrees of freedom:
-    commands of thrusters and fins, current and disturbance are inputs; eta, nu and the thrusts
-    and angles after their lags are outputs; every number of the file is a parameter.
+    For a vehicle file, or a vehicle of the gallery, the FMU has the vehicle's equations in 4 or 6
+    degrees of freedom. Its inputs are the commands of thrusters and fins, the current and the
+    disturbance; its outputs are eta, nu, and the thrusts and angles after their lags; every number
+    of the file is a parameter.
 
     A linear system may have any dimension and any number of delays. Inputs are u[j] and w[k],
     outputs x[i] and z[l]. Every matrix entry and every delay is a parameter whose start value is
@@ -246,8 +250,8 @@ def controller(
         bool,
         typer.Option(
             "--clocked",
-            help="With --flavour native-fmi3: a Clock that ticks with the sample time, for masters "
-            "with event mode.",
+            help="With --flavour native-fmi3: add a Clock that ticks at the sample time, "
+            "for masters with event mode.",
         ),
     ] = False,
     limits: Annotated[
@@ -259,21 +263,22 @@ def controller(
     ] = None,
     observer: Annotated[
         bool,
-        typer.Option("--observer", help="Of an output feedback, only the observer."),
+        typer.Option("--observer", help="Export only the observer of an output feedback."),
     ] = False,
     watch: Annotated[
         bool,
         typer.Option(
             "--watch",
-            help="Report as the FMU runs how much of the ages, the envelope and the limits is used "
-            "that the proof allows. The age needs a further input, the time of the measurement.",
+            help="Report, while the FMU runs, how much it uses of the ages, the envelope "
+            "and the limits that the proof allows. For the age, the FMU has a further "
+            "input: the time of the measurement.",
         ),
     ] = False,
     envelope: Annotated[
         str | None,
         typer.Option(
-            help="What --watch, or an observer, compares the state with: a bound per state, 0 for "
-            "none (default: those of the built-in vehicle's design)."
+            help="Bounds with which --watch, or an observer, compares the state: one per "
+            "state, 0 for none (default: those of the built-in vehicle's design)."
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -282,11 +287,12 @@ def controller(
 
     The proof is checked before anything is written. A design for the vehicle gives a
     controller from position and velocity to thrust, like HinfController; any other design gives
-    a controller from the state x to the control u. The design of an output feedback gives one with
-    its observer inside: from measurements, each with the time at which it was taken, to the
-    control, or, of a vehicle's file, to the commands of its actuators about the trim. Gain, limits
-    and sample time are parameters; the certificate holds for what the FMU starts with. A scenario
-    that connects this FMU to its plant needs no [design]: the certificate counts.
+    a controller from the state x to the control u. The design of an output feedback gives a
+    controller that includes its observer: from measurements, each with the time at which it was
+    taken, to the control or, for a vehicle file, to the commands of the actuators about the trim.
+    Gain, limits and sample time are parameters; the certificate holds for their start values. A
+    scenario that connects this FMU to its plant needs no [design]: the certificate in the FMU is
+    used.
 
     \b
     cosim fmu controller gain.json -o my-controller.fmu

@@ -33,7 +33,8 @@ from cosim.core import CheckFailedError, InputError, counted
 from cosim.network import LogFormat, Recording
 
 link_app = HelpTyper(
-    help="Record links from traces; show what became of messages; fit models; judge by a proof."
+    help="Record links from traces, show what became of their messages, fit models, and "
+    "apply a proof."
 )
 
 FileArgument = Annotated[
@@ -46,7 +47,8 @@ NodeOption = Annotated[
 PictureOption = Annotated[
     Path | None,
     typer.Option(
-        help="Also draw it: a .png, .svg or .pdf file (needs the extra plot).", callback=output_file
+        help="Also draw it to this .png, .svg or .pdf file (needs the extra plot).",
+        callback=output_file,
     ),
 ]
 
@@ -67,9 +69,10 @@ def record(
 ) -> None:
     """Write what became of each message of a link: sent, delivered or lost.
 
-    The CSV file is one that `recording` of a link replays, in seconds. In an MCAP file that is no
-    trace of a run, the topics are links: publish time is sending, log time arrival, and a gap in
-    the sequence numbers is a loss. A log may be written in any way that the options below say.
+    A link replays the CSV file, which is in seconds, with its key `recording`. In an MCAP file that
+    is not a trace of a run, each topic is a link: the publish time is the time of sending, the log
+    time that of arrival, and a gap in the sequence numbers is a loss. The options below describe
+    how a log is written.
 
     \b
     cosim link record traces/auv-acoustic.mcap --link uplink -o uplink.csv
@@ -100,7 +103,8 @@ def show(
 ) -> None:
     """Show what a recorded link was like: losses, their runs, delays, ages and outages.
 
-    The first line says what was read; what looks wrong in it is asked about on standard error.
+    The first line says what was read; questions about anything that looks wrong in it are printed
+    on standard error.
 
     \b
     cosim link show uplink.csv
@@ -134,9 +138,7 @@ def fit(
             "--out", "-o", help="Also write the [links.NAME] as TOML.", callback=output_file
         ),
     ] = None,
-    name: Annotated[
-        str, typer.Option(help="NAME of the link, where the file names none.")
-    ] = "uplink",
+    name: Annotated[str, typer.Option(help="NAME of the link, if the file gives none.")] = "uplink",
     states: Annotated[
         int, typer.Option(help="Hidden states of the largest chain that is tried, from 2.")
     ] = 3,
@@ -148,12 +150,12 @@ def fit(
 
     Losses: independent, Gilbert (a chain seen in the losses), Gilbert-Elliott, and chains of
     more hidden states, by maximum likelihood. Delays: constant, or with uniform, exponential or
-    normal jitter. They are fitted to the first two thirds of the messages and held against the
+    normal jitter. They are fitted to the first two thirds of the messages and compared with the
     last third: the likelihood, the share of losses, the lengths of runs, the distribution of the
-    delays, and whether each delay is independent of the one before. Where the file says how far or
-    how large, the dependence on it. The result is a link of a scenario.
+    delays, and whether each delay is independent of the one before. If the file has distances or
+    sizes, the dependence on them is fitted as well. The result is a link of a scenario.
 
-    Exit code 1: no model fits, and the statistics that refuse it are named.
+    Exit code 1: no model fits; the output names the statistics that reject it.
 
     \b
     cosim link fit uplink.csv
@@ -190,8 +192,8 @@ def verdict(
     other: Annotated[
         float,
         typer.Option(
-            help="What else makes a measurement older than its message [s]: the way of the "
-            "command, the receiver's step."
+            help="Further age of a measurement beyond that of its message [s]: the delay "
+            "of the command, the receiver's step."
         ),
     ] = 0.0,
     node: NodeOption = None,
@@ -201,10 +203,11 @@ def verdict(
 ) -> None:
     """Say what a proof across outages guarantees over a recorded link.
 
-    Link by link: losses, for how much of the time the proof needs the link up and for how much it
-    was, in which share of the time gamma was held, when it was suspended and regained, and how far
-    V can have grown. Beside it, for a chain of two hidden states fitted to the losses, two tests of
-    mean-square stability, which are about the chain and not about this recording.
+    For each link the output gives its losses, the share of the time that the proof needs the link
+    up and the share that it was up, the share of the time in which gamma held, when gamma was
+    suspended and regained, and by how much V can have grown. It also gives two tests of mean-square
+    stability, for a chain of two hidden states fitted to the losses; they are about the chain and
+    not about this recording.
 
     Exit code 1: a link was up for less time than needed.
 

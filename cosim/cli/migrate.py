@@ -25,9 +25,9 @@ def migrate(
 ) -> None:
     """Bring files to the newest version of their keys, and write that version into them.
 
-    A file says the version of its keys at the top, schema = 1. Older versions are read as well,
-    so there is no hurry; docs/schema-versions.md says for how long. Comments stay where they are;
-    where keys have to move, the old file is kept beside the new one.
+    A file names the version of its keys at the top: schema = 1. Older versions can still be read;
+    docs/schema-versions.md says for how long. Comments stay where they are; where keys have to
+    move, the old file is kept beside the new one.
 
     Exit code 0: done; 1: --check found a file to migrate; 2: a file that cannot be read.
 

@@ -49,10 +49,10 @@ def demo(
 ) -> None:
     """Fly two designs with the same late position fixes and compare them in one picture.
 
-    The same vehicle flies twice in the same sea, by fixes that come over an acoustic link seconds
-    old and with losses in runs: with observer and gain designed for that, and with a design for
-    fresh fixes. The summary says which assumption covers what. Traces and picture are written to
-    the folder --out.
+    The same vehicle flies twice in the same sea. Its position fixes come over an acoustic link,
+    seconds old and with losses in runs. The first flight has an observer and a gain designed for
+    such fixes, the second a design for fresh fixes. The summary says whether the guarantee holds
+    for each run, and what it does not cover. Traces and picture are written to the folder --out.
 
     \b
     cosim demo
@@ -115,37 +115,38 @@ def run(
         bool,
         typer.Option(
             "--check-step",
-            help="Run at the communication step and at half of it instead, without a trace, and "
-            "say whether the step is small enough.",
+            help="Say whether the step is small enough: run at the communication step and "
+            "at half of it, without a trace.",
         ),
     ] = False,
     check_tolerance: Annotated[
         float | None,
         typer.Option(
-            help="With --check-step: the largest estimated error, as a share of a signal's range, "
-            "beyond which the exit code is 1 (the verdict without it: 0.01)."
+            help="With --check-step: exit with code 1 if an estimated error exceeds this "
+            "share of a signal's range (without this option, the verdict uses 0.01)."
         ),
     ] = None,
     check_order: Annotated[
         bool,
         typer.Option(
             "--check-order",
-            help="With --check-step: run at a quarter of the step too, and observe the order.",
+            help="With --check-step: also run at a quarter of the step, and observe the order.",
         ),
     ] = False,
     limit: Annotated[
         list[str] | None,
         typer.Option(
             metavar="KEY=VALUE",
-            help="End the run beyond a limit: call, run, start, end (seconds, or '2 min') or "
-            "memory ('2 GB'); none: no limit (keys of [limits]). May be repeated.",
+            help="End the run when it exceeds a limit: call, run, start, end (seconds, or "
+            "'2 min') or memory ('2 GB'); none: no limit (keys of [limits]). May be "
+            "repeated.",
         ),
     ] = None,
     no_supervise: Annotated[
         bool,
         typer.Option(
             "--no-supervise",
-            help="Run the components in this process: a component that crashes takes it along.",
+            help="Run the components in this process, which then ends if a component crashes.",
         ),
     ] = False,
     details: DetailsOption = False,
@@ -155,9 +156,9 @@ def run(
 
     Exit code 0: the run is done; the output says if it diverged, ended in a limit cycle or was
     stopped; 1: an assertion did not have the expected result, or the step is not small enough
-    for --check-tolerance; 4: a component failed, crashed or exceeded a limit, and what was
-    recorded until then is kept; 6: the run left a bound although all that its proof assumes was
-    met, which is to be reported; 130: interrupted by Ctrl-C.
+    for --check-tolerance; 4: a component failed, crashed or exceeded a limit, and everything
+    recorded until then is kept; 6: the run left a bound although every assumption of its proof was
+    met (please report it); 130: interrupted by Ctrl-C.
 
     \b
     cosim run auv-acoustic

@@ -63,15 +63,16 @@ def new(
         list[str] | None,
         typer.Argument(
             metavar="NAME",
-            help="Name of the scenario; the file is NAME.toml. With FMUs after --from it may be "
-            "left out, and further FMUs may follow.",
+            help="Name of the scenario; the file is NAME.toml. With FMUs after --from, the "
+            "name can be left out, and further FMUs can follow.",
         ),
     ] = None,
     base: Annotated[
         list[str] | None,
         typer.Option(
             "--from",
-            help="Extend this built-in scenario; or wire FMUs, by their paths or built-in names.",
+            help="Extend this built-in scenario; or connect FMUs, given by their paths or "
+            "built-in names.",
         ),
     ] = None,
     link: Annotated[
@@ -84,9 +85,9 @@ def new(
 ) -> None:
     """Write a new scenario file with comments that explain each line.
 
-    Of FMUs: every input is wired to the one output that fits it by name, or by the name of a
-    terminal and its member, of the same type and size, in a unit of the same base units; such
-    units are converted. What does not fit, or fits several times, is listed and not wired.
+    With FMUs after --from, every input is connected to the one output that matches it: by name, or
+    by the name of a terminal and its member; in type and size; and in base units, with units
+    converted. Inputs without a match, or with several, are listed and not connected.
 
     \b
     cosim scenario new mine

@@ -169,13 +169,13 @@ def check(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Say whether an archive can be imported, and which parts other tools do not carry out.
+    """Say whether an archive can be imported, and which parts of it other tools ignore.
 
-    Events, modes, assertions and links that are annotations of this project come back with an
-    import; other tools ignore them. What each tool makes of archives was found by running them
-    there: docs/compatibility.md.
+    Events, modes, assertions and links that are annotations of this project are restored by an
+    import; other tools ignore them. docs/compatibility.md says what each tool does with archives,
+    as found by running them in it.
 
-    Exit code 0: it can be imported; 2: it cannot, or is no archive.
+    Exit code 0: it can be imported; 2: it cannot, or it is not an archive.
 
     \b
     cosim ssp check auv.ssp

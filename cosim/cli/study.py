@@ -68,9 +68,9 @@ LimitOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="KEY=VALUE",
-        help="End a run beyond a limit: call, run, start, end (seconds, or '2 min') or memory "
-        "('2 GB'); none: no limit. In a study without a limit of run: 50 times what the first run "
-        "took, at least 60 s. May be repeated.",
+        help="End a run when it exceeds a limit: call, run, start, end (seconds, or '2 "
+        "min') or memory ('2 GB'); none: no limit. Default of run: 50 times as long "
+        "as the first run took, at least 60 s. May be repeated.",
     ),
 ]
 
@@ -190,8 +190,8 @@ def run(
     time_limit: Annotated[
         str,
         typer.Option(
-            help="Begin no more runs after this time (seconds, or '2 h'); exit code 3 if runs are "
-            "left, and the same command continues."
+            help="Begin no more runs after this time (seconds, or '2 h'); exit code 3 if "
+            "runs are left; the same command then continues."
         ),
     ] = "none",
     wait_for_workers: Annotated[
@@ -276,8 +276,8 @@ def merge(
     """Merge parts of one study, executed in different places, into one folder.
 
     Folders of different studies are refused: the message names what differs. A run that is in
-    several folders must have the same results in each, bit for bit. Once all runs are there the
-    table is written; it is the one of a study executed in one place.
+    several folders must have the same results in each, bit for bit. Once all runs are there, the
+    table is written; it is the same as that of a study executed in one place.
 
     \b
     cosim study run delay-margin --runs 0:20 --out part-1
@@ -308,14 +308,16 @@ def repeat(
     number: Annotated[int, typer.Argument(help="Number of the run, counted from 0.")],
     out: Annotated[
         Path | None,
-        typer.Option(help="Trace (default: traces/STUDY-run-NUMBER.mcap).", callback=output_trace),
+        typer.Option(
+            help="File of the trace (default: traces/STUDY-run-NUMBER.mcap).", callback=output_trace
+        ),
     ] = None,
     results: Annotated[
         Path | None,
         typer.Option(
             "--from",
-            help="Folder of the study (default: studies/NAME): later runs of a rare event follow "
-            "from the results there.",
+            help="Folder of the study (default: studies/NAME); in a study of a rare event, "
+            "later runs depend on the results there.",
         ),
     ] = None,
     limit: LimitOption = None,
@@ -325,8 +327,8 @@ def repeat(
 ) -> None:
     """Execute one run of a study alone, with a trace, as `cosim run` does.
 
-    With the folder of its results, the study is what it was then, its samples included; if FMUs
-    or the scenario have changed since, nothing is run.
+    Given the folder of the results, the command uses the study as it was run, with its samples; if
+    FMUs or the scenario have changed since then, nothing is run.
 
     \b
     cosim study repeat delay-margin 17
@@ -396,13 +398,13 @@ def show(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what a study found of what was asked, with shares and means per group; and draw it.
+    """Show the answers of a study, with shares and means per group, and draw it.
 
-    Intervals are of runs that are drawn from one distribution; values of a grid were chosen, and
-    runs of several of them together have none.
+    Intervals are given for runs that are drawn from one distribution. Values of a grid are chosen,
+    not drawn, so a group that combines runs of several values has no interval.
 
-    For a study that is not finished, the summary covers the runs that are done. Of a study with
-    `stop` it says what was reached, of one with `rare` the probability.
+    For a study that is not finished, the summary covers the runs that are done. For a study with
+    `stop` it says what was reached, for one with `rare` it gives the probability.
 
     \b
     cosim study show studies/delay-margin --picture margin.png

@@ -53,8 +53,8 @@ def info(
         bool | None,
         typer.Option(
             "--hash/--no-hash",
-            help="Compute the content hash, which reads the whole file "
-            "(default: of files up to 64 MiB).",
+            help="Compute the content hash, which reads the whole file (default: for files "
+            "up to 64 MiB).",
         ),
     ] = None,
     details: DetailsOption = False,
@@ -96,7 +96,7 @@ def report(
         Path | None,
         typer.Option(
             metavar="OTHER",
-            help="Show this trace beside FILE: outcomes, figures, signals over each other, and "
+            help="Show this trace beside FILE: outcomes, figures, overlaid signals and "
             "their difference (default file: run-other.html).",
         ),
     ] = None,
@@ -108,7 +108,7 @@ def report(
 
     The page contains everything it shows and needs no network, so it can be mailed and archived.
     After a failed run it begins with the cause. With --compare it shows two traces side by side;
-    the exit code does not say whether they differ, as that of trace diff does.
+    unlike that of trace diff, the exit code does not say whether they differ.
 
     \b
     cosim trace report traces/auv-survey.mcap
@@ -158,16 +158,18 @@ def recover(
     strict: Annotated[
         bool,
         typer.Option(
-            "--strict", help="Leave out damaged chunks whole: what is kept is as it was recorded."
+            "--strict",
+            help="Leave out everything from damaged chunks: all that is kept is as it was "
+            "recorded.",
         ),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Make a complete trace of what a crash left, and report what was lost.
+    """Make a complete trace from what a crash left, and report what was lost.
 
-    Every message, metadata record and attachment that can be read is kept. What comes from a
-    damaged chunk may have wrong values: it is marked, in the record cosim.recovered, and info,
-    report and verify say so; --strict leaves it out. The original file is not changed.
+    Every message, metadata record and attachment that can be read is kept. Data from a damaged
+    chunk may have wrong values: they are marked in the record cosim.recovered, and info, report and
+    verify say so; --strict leaves them out. The original file is not changed.
 
     Exit code 0: nothing was lost; 3: something was lost, is suspect, or may have been lost, since
     a file without its end does not show what was still to come.
@@ -234,8 +236,8 @@ def verify(
 def cite_verb(file: FileArgument, *, as_json: JsonOption = False) -> None:
     """Write how to cite a run: a paragraph for a methods section, and BibTeX.
 
-    Both are made of what the trace says of its run: software, FMUs, step, seed, links, certificate,
-    outcome and content hash.
+    Both are made from what the trace says about its run: software, FMUs, step, seed, links,
+    certificate, outcome and content hash.
 
     \b
     cosim trace cite traces/auv-survey.mcap
@@ -265,8 +267,8 @@ def play(
         list[str] | None,
         typer.Option(
             "--origin",
-            help="Web page that may play the trace, beside Foxglove: http://localhost:8080. "
-            "Repeatable.",
+            help="Web page that may play the trace, besides Foxglove: "
+            "http://localhost:8080. May be repeated.",
         ),
     ] = None,
     token: Annotated[
@@ -278,7 +280,7 @@ def play(
 
     All channels are announced at once, and playback starts when a viewer subscribes. The viewer
     controls play, pause, seek and speed. The server listens on this machine only, until Ctrl-C.
-    It serves whoever gives the token in its address, and of web pages only those allowed. The
+    It serves clients that have the token in its address, and only web pages that are allowed. The
     protocol has one time per message: publish times and sequence numbers are not sent.
 
     \b

@@ -53,8 +53,8 @@ def diff(
 
     Values agree if they differ by at most ABS, or by at most REL times the larger value; without
     tolerances they must be equal. Signals recorded at different instants are compared with
-    sample and hold. Links, scenario, design and result are compared too, but of these only the
-    messages of links affect the exit code.
+    sample and hold. Links, scenario, design and result are also compared, but only the messages of
+    links affect the exit code.
 
     Exit code 0: equal within the tolerances; 1: different; 2: bad input.
 

@@ -29,8 +29,9 @@ def export(
     to: Annotated[
         Format | None,
         typer.Option(
-            help="Format of the tables (default: by the end of --out, else csv); parquet needs "
-            "the extra tables. ros2: one bag of messages, no tables, with the extra ros2."
+            help="Format of the tables (default: by the extension of --out, else csv); "
+            "parquet needs the extra tables. ros2: one bag of messages in place of "
+            "tables (needs the extra ros2)."
         ),
     ] = None,
     out: Annotated[
@@ -38,7 +39,8 @@ def export(
         typer.Option(
             "--out",
             "-o",
-            help="Folder to write to; or the file: of one table, .mat, or .mcap (a bag).",
+            help="Folder to write to; or the file, if there is one: a table, a .mat file, "
+            "or a bag (.mcap).",
             callback=output_file_or_folder,
         ),
     ] = None,
@@ -63,17 +65,17 @@ def export(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the signals of a trace as CSV or Parquet tables, a MATLAB file or a bag of ROS 2.
+    """Write the signals of a trace as CSV or Parquet tables, a MATLAB file or a ROS 2 bag.
 
     Without --wide there is one table per topic, with its rows as recorded: time_s (delivered),
-    sent_s (sent), sequence, and the signals. With --wide there is one table: at each instant at
-    which any of the signals was recorded, it has the value in force of every signal, which is the
-    last one delivered. Missing values are empty. Parquet files contain the unit and description
-    of each column, and the description of the run.
+    sent_s (sent), sequence, and the signals. With --wide there is one table, with a row for each
+    instant at which any of the signals was recorded: it has the value in force of every signal,
+    which is the last one delivered. Missing values are empty. Parquet files contain the unit and
+    description of each column, and the description of the run.
 
-    A .mat file (format 5) has a struct for each table: the columns, under names that MATLAB takes,
-    and their own names, units and descriptions. A table may have 2 GiB there, and is in memory
-    while it is written.
+    A .mat file (format 5) has a struct for each table: the columns, under names that MATLAB
+    accepts, with their original names, units and descriptions. In a .mat file a table can have at
+    most 2 GiB, and is in memory while it is written.
 
     With --to ros2 there is one MCAP file of the profile ros2: poses, path, frames, odometry and the
     log as messages of geometry_msgs, nav_msgs, tf2_msgs and rcl_interfaces, and every other signal

@@ -73,7 +73,9 @@ def inject(
     ] = None,
     delay: Annotated[
         float | None,
-        typer.Option(help="Delay of the new link in s; without --sample-time a transport link."),
+        typer.Option(
+            help="Delay of the new link in s; without --sample-time, it is a transport link."
+        ),
     ] = None,
     jitter: Annotated[
         float, typer.Option(help="Width of the new link's uniform jitter, in s.")
@@ -126,9 +128,9 @@ def inject(
 ) -> None:
     """Feed recorded signals into one FMU and record its outputs in a new trace.
 
-    The replay is open loop: the outputs do not act on the recorded signals. Without --map, the
-    inputs are those of the recorded component with the same inputs. An FMU of the recorded run
-    starts with its recorded parameters; any other FMU starts with its own, unless
+    The replay is open loop: the outputs do not act on the recorded signals. Without --map, the FMU
+    receives the inputs of the recorded component that has the same inputs. An FMU of the recorded
+    run starts with its recorded parameters; any other FMU starts with its own, unless
     --as-component names a recorded component.
 
     Exit code 0: done; 1: --compare found a difference; 2: bad input; 4: the FMU failed.

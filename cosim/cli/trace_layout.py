@@ -38,8 +38,8 @@ def layout(
 ) -> None:
     """Write a layout with which a viewer shows a trace: scene, log, and plots with their units.
 
-    It is made from the topics of the trace, so that every path in it exists. Open the trace in the
-    viewer first, then the layout.
+    The layout is made from the topics of the trace, so every path in it exists. Open the trace in
+    the viewer first, then the layout.
 
     \b
     cosim trace layout traces/auv-survey.mcap --for lichtblick

@@ -25,7 +25,9 @@ def rerun(
     file: Annotated[Path, typer.Argument(help="A trace written by cosim run.")],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="File to keep the new trace in.", callback=output_trace),
+        typer.Option(
+            "--out", "-o", help="File in which to keep the new trace.", callback=output_trace
+        ),
     ] = None,
     fmus: FmusOption = FMUS,
     as_json: JsonOption = False,

@@ -37,7 +37,7 @@ from cosim.network import LogFormat
 from cosim.trace.outcome import answer_of
 
 vehicle_app = HelpTyper(
-    help="Create, check, show and fly a vehicle from its parameters: designed, proved, simulated.",
+    help="Create, check, show and fly a vehicle from its parameters: design, proof and simulation.",
 )
 
 VehicleArgument = Annotated[
@@ -77,7 +77,7 @@ def list_vehicles(*, as_json: JsonOption = False) -> None:
 def new(
     name: Annotated[str, typer.Argument(help="Name of the vehicle; the file is NAME.toml.")],
     like: Annotated[
-        str, typer.Option("--like", help="Vehicle of the gallery to begin with.")
+        str, typer.Option("--like", help="Vehicle of the gallery to copy.")
     ] = "bluerov2-heavy",
     as_json: JsonOption = False,
 ) -> None:
@@ -104,14 +104,20 @@ def new(
 
 @vehicle_app.command()
 def check(
-    names: Annotated[list[str], typer.Argument(metavar="VEHICLE...", help="Files, or names.")],
+    names: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="VEHICLE...", help="Vehicle files, or names of vehicles of the gallery."
+        ),
+    ],
     as_json: JsonOption = False,
 ) -> None:
     """List everything that is wrong with vehicle files, and what is doubtful about the vehicles.
 
-    Keys and units; mass matrix, energy (drag must take it), trim, stability there, what the
-    actuators can hold, whether the sensors show every controlled state, and whether a linear
-    model can be proved over the envelope. Exit code 0: no error; 2: at least one.
+    The checks cover keys and units, the mass matrix, energy (drag must take it away), the trim and
+    stability at it, what the actuators can hold, whether the sensors show every controlled state,
+    and whether a linear model can be proved over the envelope. Exit code 0: no error; 2: at least
+    one.
 
     \b
     cosim vehicle check my-vehicle.toml
@@ -162,7 +168,8 @@ def show(
     picture: Annotated[
         Path | None,
         typer.Option(
-            help="Draw actuators, poles and drag into this PNG, SVG or PDF.", callback=output_file
+            help="Draw actuators, poles and drag to this .png, .svg or .pdf file.",
+            callback=output_file,
         ),
     ] = None,
     parameters: Annotated[
@@ -174,7 +181,7 @@ def show(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Show a vehicle: mass matrix, trim, poles there, drag, actuators, sensors.
+    """Show a vehicle: mass matrix, trim, poles at the trim, drag, actuators, sensors.
 
     \b
     cosim vehicle show bluerov2-heavy
@@ -223,8 +230,8 @@ def fly(
     link: Annotated[
         str | None,
         typer.Option(
-            help="Time that a message over the link takes at most: '2s', '800 ms' (default: 2s; "
-            "with --recording the greatest delay in it)."
+            help="Greatest time that a message over the link takes: '2s', '800 ms' "
+            "(default: 2s; with --recording, the greatest delay in it)."
         ),
     ] = None,
     loss: Annotated[
@@ -234,25 +241,25 @@ def fly(
     recording: Annotated[
         Path | None,
         typer.Option(
-            help="A log of messages, a trace or another MCAP file: the link does to its messages "
-            "what was recorded."
+            help="A log of messages, a trace or another MCAP file: the link delays and "
+            "loses its messages as recorded."
         ),
     ] = None,
     node: Annotated[
-        str | None, typer.Option("--node", help="Which link of a recording with several.")
+        str | None, typer.Option("--node", help="The link to use of a recording with several.")
     ] = None,
     losses: Annotated[
-        int, typer.Option(help="Messages that may be lost in a row within the age designed for.")
+        int, typer.Option(help="Number of messages lost in a row that the age designed for allows.")
     ] = vehicles.LOSSES_IN_A_ROW,
-    duration: Annotated[str, typer.Option(help="Of the flight: '3min', 180.")] = "3min",
+    duration: Annotated[str, typer.Option(help="Duration of the flight: '3min', 180.")] = "3min",
     step: Annotated[str, typer.Option(help="Communication step.")] = "50 ms",
-    seed: Annotated[int, typer.Option(help="Of the sea, the losses and the noise.")] = 2,
+    seed: Annotated[int, typer.Option(help="Seed of the sea, the losses and the noise.")] = 2,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             "-o",
-            help="Folder for everything made (default: flights/NAME).",
+            help="Folder for all files of the flight (default: flights/NAME).",
             callback=output_folder,
         ),
     ] = None,
@@ -264,14 +271,15 @@ def fly(
 ) -> None:
     """Design for a vehicle over a slow link, prove the design, and fly it.
 
-    From one file: a linear model at the trim, with an uncertainty that is proved over the envelope;
-    an observer and a gain, certified for the age of each measurement; plant, sensors and controller
-    as FMUs; a scenario that can be changed and run again. The loop is closed on board. Over the
-    link, late and with losses in runs, come the set-points and what the file measures over = "link"
-    of the controlled states; the output says what crosses which link, and up to which age the
-    proof holds. With --recording the link is as it was recorded, in time; the design is for the
-    greatest delay in it. The summary says which assumptions of the guarantee were not met, with
-    --details all of them; the folder keeps the design, the trace and a picture.
+    From one file the command makes a linear model at the trim, with an uncertainty that is proved
+    over the envelope; an observer and a gain, certified for the age of each measurement; plant,
+    sensors and controller as FMUs; and a scenario that can be changed and run again. The loop is
+    closed on board. The set-points, and the controlled states that the file measures over = "link",
+    come over the link, late and with losses in runs; the output says what crosses which link, and
+    up to which age the proof holds. With --recording, the link repeats what was recorded, at the
+    recorded times; the design is for the greatest delay in the recording. The summary says which
+    assumptions of the guarantee were not met, with --details all of them; the folder keeps the
+    design, the trace and a picture.
 
     Exit code 0: the flight is done; 2: the vehicle or an option is not valid; 4: a component
     failed; 5: nothing could be certified.

@@ -57,7 +57,8 @@ VERBS = {
     "link": Verb(
         "link",
         "link_app",
-        "Record links from traces; show what became of messages; fit models; judge by a proof.",
+        "Record links from traces, show what became of their messages, fit models, "
+        "and apply a proof.",
     ),
     "certificate": Verb(
         "certificate",
@@ -77,7 +78,7 @@ VERBS = {
     "vehicle": Verb(
         "vehicle",
         "vehicle_app",
-        "Create, check, show and fly a vehicle from its parameters: designed, proved, simulated.",
+        "Create, check, show and fly a vehicle from its parameters: design, proof and simulation.",
     ),
     "study": Verb(
         "study",
@@ -95,7 +96,7 @@ TRACE_VERBS = {
     "export": Verb(
         "trace_export",
         "export",
-        "Write the signals of a trace as CSV or Parquet tables, a MATLAB file or a bag of ROS 2.",
+        "Write the signals of a trace as CSV or Parquet tables, a MATLAB file or a ROS 2 bag.",
     ),
     "layout": Verb(
         "trace_layout",
