@@ -177,7 +177,7 @@ class LossError(CosimError):
         >>> Trace("cut.mcap", incomplete=True).complete
         False
 
-    With `incomplete=True` what is there is read.
+    With `incomplete=True` the readable part is read.
     """
 
     exit_code = 3
@@ -234,9 +234,9 @@ class NotAchievableError(CosimError):
         gamma > 5 True
 
     `certificate` : the exact proof of infeasibility, for `check_certificate`, if there is one.
-    `delays`, `gamma` : what `hint` names in words: every delay of the system [s], or a bound, with
-    which the same call is certified; None where none was found, or looked for. Each alone will
-    do, or both are needed `together`.
+    `delays`, `gamma` : the values that `hint` names in words: every delay of the system [s], or a
+        bound, with which the same call is certified; None if none was found or looked for. Either
+        one suffices, or both are needed `together`.
     """
 
     exit_code = 5

@@ -51,12 +51,12 @@ class FmuDescription:
     xml : modelDescription.xml as it stands in the FMU.
     version : of FMI; 3.0.1 counts as 3.0. FMI 1.0 is read and run as FMI 2.0 where the two
         agree; its slaves cannot save their state.
-    departures : breaks of the standard by its variables and Clocks that do not keep it from
-        running, a sentence each.
+    departures : one sentence for each departure of its variables and Clocks from the standard that
+        does not keep the FMU from running.
     terminals : by name.
     lengths : the names of the structural parameters that give lengths of arrays.
-    units : those that it defines in base units, by name.
-    unusable : variables that are no ports, and why.
+    units : the units that it defines in base units, by name.
+    unusable : variables that are not ports, and why.
     """
 
     path: Path
@@ -82,17 +82,17 @@ class FmuDescription:
 
     @property
     def interface(self) -> Interface:
-        """The kind of use that is run: co-simulation where there is one."""
+        """The interface that is run: co-simulation if the FMU has it."""
         return _interface_of(self.model)
 
     @property
     def scheduled(self) -> bool:
-        """Whether it is for scheduled execution alone: its Clocks activate all it does (FMI 3)."""
+        """Whether it is for scheduled execution only: its Clocks activate all it does (FMI 3)."""
         return self.interface.kind == "scheduled execution"
 
     @property
     def token(self) -> str:
-        """What the library compares with its own: guid, or instantiationToken."""
+        """The text that the library compares with its own: guid, or instantiationToken."""
         return self.model.token or ""
 
     @property
@@ -137,7 +137,7 @@ class FmuDescription:
 
     @property
     def needs_execution_tool(self) -> bool:
-        """Whether it only runs with another program, which must be installed."""
+        """Whether it runs only with another program, which must be installed."""
         return self._can("needsExecutionTool")
 
     def _can(self, *attributes: str) -> bool:

@@ -63,12 +63,12 @@ class FmuSlave(EventAccess):
 
     Parameters
     ----------
-    name : of the component, in every message.
+    name : name of the component, used in every message.
     log : receives the FMU's messages.
     categories : of the log messages wanted, as the FMU declares them; None: all. Messages with a
         status beyond Warning are always passed on.
-    process : the slave's own, in which it is isolated; None: this one.
-    options : what it is offered, in FMI 3.
+    process : the process in which the slave is isolated; None: this process.
+    options : the features that the slave is offered, in FMI 3.
 
     Raises
     ------

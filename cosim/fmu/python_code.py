@@ -57,9 +57,9 @@ class Component:
         >>> bool(0.5 < result["tank.h"].values[-1] < 0.7)
         True
 
-    In a scenario its variables are `tank.q` and `tank.h`, of several values `tank.x[1]`, ... Each
-    run has a copy of the object; what it keeps between steps are its attributes, which a snapshot
-    saves by pickling them.
+    In a scenario its variables are `tank.q` and `tank.h`; a variable of several values is
+    `tank.x[1]`, ... Each run has a copy of the object. The attributes of the copy are its state
+    between steps; a snapshot pickles them.
 
     Attributes
     ----------

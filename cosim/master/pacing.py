@@ -98,7 +98,7 @@ class Pace:
 
     @property
     def figures(self) -> PaceFigures:
-        """How it was kept."""
+        """The figures of the pace: how late the points were."""
         return PaceFigures(self.points, self.late, self.largest_s, self.total_s)
 
     def take(self, figures: PaceFigures) -> None:

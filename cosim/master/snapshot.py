@@ -50,7 +50,7 @@ def fingerprint(system: System, wiring: Wiring) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """The state of a run, as `Session.snapshot` saves it.
+    """The state of a run, as `Session.save` returns it.
 
         >>> from cosim import DelaySystem, Scenario, open_session
         >>> from cosim.master import Snapshot

@@ -136,19 +136,20 @@ class Delay(Value):
     Parameters
     ----------
     d : the delay [s], or a text with a unit; finite and not negative.
-    A : (n, n) the matrix of x(t-d); None: zero, as where the control alone acts through the delay.
+    A : (n, n) the matrix of x(t-d); None: zero, for example if only the control acts through the
+        delay.
     H : (r, n) the right factor of the uncertainty for this delay; None: no uncertainty.
-    feedback : the control acts through this delay, u = K x(t-d). One truth value per state
-        where only some are fed back through it; a row of them per control where entries of K
-        act through different delays.
+    feedback : the control acts through this delay, u = K x(t-d). One truth value per state if only
+        some are fed back through it; a row of them per control if entries of K act through
+        different delays.
     any_age : design for every time-varying delay tau(t) <= d, however fast it varies
-        (Q = 0 in the functional), instead of the constant delay d. True wherever the age varies:
-        what is proved for any age up to d holds for the ages below as well.
+        (Q = 0 in the functional), instead of the constant delay d. True wherever the age varies: a
+        proof for any age up to d also holds for the kinds of age below.
     least_age : the age is never less than this [s], least_age <= tau(t) <= d; 0 <= least_age < d.
     rate : the age is Lipschitz continuous with |tau'| <= rate; None: it may jump.
-    sampled : the age is least_age when a message is put in use and grows at rate one until the
-        next one is, when it is at most d: x(t-tau) is x(s_k) from s_k + least_age on, with
-        s_{k+1} - s_k <= d - least_age, the instants s_k arbitrary otherwise.
+    sampled : the age is least_age when a message comes into use, and grows at rate one, to at most
+        d, until the next one does: x(t-tau) is x(s_k) from s_k + least_age on, with s_{k+1} - s_k
+        <= d - least_age, the instants s_k arbitrary otherwise.
 
     Raises
     ------
@@ -211,7 +212,7 @@ class Delay(Value):
         return f"<Delay: {self.description}{states}>"
 
     def of_states(self, n: int) -> Delay:
-        """Return the delay in a system of n states: without a matrix of its own with a zero one."""
+        """Return the delay for n states; a delay without a matrix gets a zero matrix."""
         return (
             self if len(self.A) or n == 0 else replace(self, A=np.zeros((n, n)), H=np.zeros((0, n)))
         )
@@ -245,14 +246,15 @@ class Delay(Value):
 
     @property
     def ages_are_known(self) -> bool:
-        """Whether more is said of an age that varies than its bound d."""
+        """Whether more is known of an age that varies than its bound d."""
         return self.d > 0 and (self.least_age > 0 or self.rate is not None or self.sampled)
 
     @property
     def constant_age(self) -> float:
         """The constant [s] in its place in the nominal loop: d, or the mean of a sampled age.
 
-        A sampled age cannot stay at d, and a loop may be stable that is not with d for ever.
+        A sampled age cannot stay at d: such a loop may be stable although a constant delay d is
+        not.
         """
         return (self.least_age + self.d) / 2 if self.sampled else self.d
 
@@ -336,7 +338,8 @@ class DelaySystem(Value):
     An absent matrix is zero if its dimension is known from another one, otherwise that
     dimension is 0. Without a disturbance (no C, no D1) or without a performance output (no D, no
     D1, no D2) there is no gain, only stability; without E and H there is no uncertainty. Without
-    B there is no control: such a system can be analysed, not designed for, and has no D2.
+    B there is no control: such a system can be analysed, but no gain can be designed for it, and it
+    has no D2.
 
     Parameters
     ----------
@@ -347,12 +350,12 @@ class DelaySystem(Value):
     E : (n, s) left factor of the uncertainty; F(t) is (s, r).
     H : (r, n) right factor for x(t); each delay has its own.
     delays : the delayed terms. At most one is the feedback, or several with a truth value per
-        state, or per entry of K, nothing fed back twice.
+        state, or per entry of K; no state or entry is fed back twice.
     name : for messages and files.
     feedback : the states that are fed back at once, one truth value each, or a row of them per
         control. None: all of them if no delay is the feedback, otherwise none.
-    integrals : how many of the states, the last ones, the controller keeps itself as integrals
-        of what it measures. It matters to those who build the controller, not to a proof.
+    integrals : the number of states, at the end, that the controller itself keeps as integrals of
+        its measurements. It matters for building the controller, not for a proof.
     uncertainty_blocks : (columns of E, rows of H) of every block of a block-diagonal F, in order;
         (1, 1) is a parameter. None: F is one full block.
 
@@ -547,7 +550,7 @@ class DelaySystem(Value):
 
     @property
     def is_structured(self) -> bool:
-        """Whether a state is not fed back, or some are through different delays."""
+        """Whether a state is not fed back, or states are fed back through different delays."""
         return not any(selection.all() for selection in self.selections)
 
     @property

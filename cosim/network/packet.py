@@ -64,13 +64,13 @@ class PacketLink:
     duplicate : probability that a message which is not lost arrives twice. The network copies it
         after the sender's queue, so that it takes sending time at a limited `data_rate` once;
         the copy has the same sequence number and its own jitter.
-    playout_ns : a play-out buffer at the receiver: what arrives no later than sent + playout is
-        released at exactly that instant, so that its age there is always the same; what arrives
-        later is discarded ("late"). A loss is noticed at sent + playout, too, and a late message
-        counts as one there. `order` acts on the way to the buffer, on copies and, under fifo, on
-        what waits for its predecessors; the buffer itself releases in order of sending. On a
-        grid a message is released at the first point at or after sent + playout, if it arrived
-        by that instant itself. 0: no buffer.
+    playout_ns : a play-out buffer at the receiver: a message that arrives no later than sent +
+        playout is released at exactly that instant, so that its age is then always the same; a
+        message that arrives later is discarded ("late"). A loss is also noticed at sent + playout,
+        and a late message counts as one. `order` acts on the way to the buffer, on copies and,
+        under fifo, on messages that wait for their predecessors; the buffer itself releases in
+        order of sending. On a grid a message is released at the first point at or after sent +
+        playout, if it arrived by that instant itself. 0: no buffer.
     order : "newest-wins": a message that arrives after a newer one is discarded ("overtaken"),
         and so is one that arrives a second time ("duplicate"); "fifo": a message is not
         delivered before its predecessors, its copy after it and before its successors;
@@ -87,17 +87,17 @@ class PacketLink:
         ("queue full", drop-tail) at the instant of sending, without effect on the receiver
         (`on_loss` does not act). None: no limit. Only with a `data_rate`.
     recording : what became of each message of a recorded link; its delays and losses replace
-        `delay`, `jitter` and `loss`. What else a link does to messages it does to these, too.
+        `delay`, `jitter` and `loss`. All other keys act on these messages as on any others.
     greatest_age_ns : a watchdog at the receiver: at points at which the message in use was sent as
-        long ago as this, or longer, `on_age` is used in its place. Between points the message ages
-        on: an age that must not be passed has to contain the receiver's step. 0: none.
+        long ago as this, or longer, `on_age` is used in its place. Between points the message gets
+        older: for an age that must never be exceeded, leave room for the receiver's step. 0: none.
     on_age : what the receiver uses in place of a message that is too old: "zero" or a number.
-    hop : the way over a medium that the link shares with others: its packets take the airtime and
-        travel as the medium says, wait for its access in the queue of their node, and `delay` and
-        jitter come after that. `data_rate` is the medium's; there is neither a recording, nor
-        `duplicate`, nor a `DelaySignal`. None: a channel of its own.
-    windows : times with another loss; where windows overlap the last one counts. Jitter, and
-        the losses outside, are as without them.
+    hop : the way over a medium that the link shares with others: its packets wait in the queue of
+        their node for access to the medium, take its airtime and its travel time, and then `delay`
+        and jitter. `data_rate` is the medium's; a recording, `duplicate` and a `DelaySignal` are
+        not allowed. None: a channel of its own.
+    windows : times with another loss; where windows overlap, the last one counts. Jitter, and
+        losses outside the windows, are the same as without windows.
     quantization : step of the quantizer applied to the values sent; 0: none.
     adjustable : whether delay and loss may be changed while the run goes on: each message is then
         resolved when it is sent (`Delivery.resolve`).
@@ -234,12 +234,12 @@ class PacketLink:
 
     @property
     def resolved_with(self) -> str:
-        """Name of what makes its delays known: the link itself, or its medium, medium.NAME."""
+        """Name of the object that determines its delays: the link, or its medium, medium.NAME."""
         return self.name if self.hop is None else f"medium.{self.hop.medium.name}"
 
     @property
     def is_live(self) -> bool:
-        """Return whether what becomes of a message is known only when it is sent."""
+        """Return whether the fate of a message is known only when it is sent."""
         moves = self.hop is not None and self.hop.medium.moves
         return self.adjustable or moves or isinstance(self.delay, DelaySignal)
 
@@ -256,8 +256,8 @@ class PacketLink:
     def least_transit_ns(self) -> int:
         """Return the least time from sending to arrival [ns], without the play-out buffer.
 
-        Of a delay that follows a signal, of ranges, and of what may be changed, nothing is known
-        beside their sign.
+        Of a delay that follows a signal, of ranges, and of values that may be changed, only the
+        sign is known.
         """
         if self.adjustable:
             return self.frame_ns

@@ -40,22 +40,22 @@ class Recording:
     ----------
     sent_ns : instant of sending, from that of the first row on [ns], int64 (n,), never
         decreasing, n >= 1.
-    lost : which were lost, bool (n,).
+    lost : which messages were lost, bool (n,).
     delay_ns : time from sending to arrival, of a lost message to the instant at which it was due
         [ns], int64 (n,); `IN_FLIGHT_NS` (-1) where it was still on its way when the recording
         ended. None: only losses were recorded, and the link has its own delay.
     replay : "once": row after row; a run must not last longer. "loop": from the beginning
-        again after the last row. "blocks": blocks of rows that follow each other, drawn anew by
-        the seed (moving-block bootstrap: Kunsch, Annals of Statistics 17 (1989) 1217), so that
-        what lasts less than a block, such as most outages, is as it was. The last two end
-        before the first row that was in flight.
+        again after the last row. "blocks": blocks of consecutive rows, drawn by the seed
+        (moving-block bootstrap: Kunsch, Annals of Statistics 17 (1989) 1217), which preserve
+        everything that is shorter than a block, such as most outages. The last two end before the
+        first row that was in flight.
     block : rows of a block; only with "blocks".
-    rows : which row a message has. "message": the k-th message the k-th row. "time": the
-        last row that was sent by then, as time goes on from the first message and the first
-        row. None: as both say; a recording whose messages were not sent in the rhythm of the link
+    rows : which row belongs to a message. "message": the k-th row to the k-th message. "time": the
+        last row that was sent by the time of the message, both counted from the first. None: the
+        row that both rules give; a recording whose messages were not sent in the rhythm of the link
         (each nearer to its own instant than to the next) is refused.
-    range_m, size : distance [m] and size of each message where they were recorded, float64 (n,);
-        for fits, not for the replay.
+    range_m, size : distance [m] and size of each message if they were recorded, float64 (n,); for
+        fits, not for the replay.
     start_ns : when the first row was sent, by the clock of the recorder [ns].
 
     Raises
@@ -148,13 +148,13 @@ class Recording:
 
     @property
     def arrived(self) -> NDArray[np.bool_]:
-        """Which were not lost, and arrived before the recording ended, bool (n,)."""
+        """Which messages were not lost, and arrived before the recording ended, bool (n,)."""
         there = ~self.lost
         return there if self.delay_ns is None else there & (self.delay_ns >= 0)
 
     @property
     def ended(self) -> NDArray[np.bool_]:
-        """Which were lost or arrived before the recording ended, bool (n,)."""
+        """Which messages were lost or arrived before the recording ended, bool (n,)."""
         none_in_flight = np.ones(len(self), np.bool_)
         return none_in_flight if self.delay_ns is None else self.delay_ns >= 0
 

@@ -23,7 +23,7 @@ _FIRST = 2, 3
 
 @dataclass(frozen=True)
 class LinkFit:
-    """What a recording says about a link.
+    """The models of a link that were fitted to a recording.
 
         >>> from cosim.network import Recording
         >>> from cosim.recordings import fit_link
@@ -38,10 +38,10 @@ class LinkFit:
 
     Attributes
     ----------
-    fitted, tested : messages in the first part, and in the other.
+    fitted, tested : number of messages in the part for the fit, and in the part for the test.
     losses, delays : every model, in order of complexity; no delays without times of arrival.
-    loss, delay : the chosen ones: the least criterion (BIC) among those that nothing refuses, or
-        else among all; None without times of arrival.
+    loss, delay : the chosen models: those with the least criterion (BIC) among the models that no
+        test rejects, or else among all; `delay` is None without times of arrival.
     ranges : how losses and delays depend on range and size.
     sample_time_s : median time from one sending to the next [s].
     """
@@ -69,7 +69,7 @@ class LinkFit:
 
     @property
     def gaps(self) -> list[str]:
-        """What the recording does not tell of the chosen link, in words; empty if it tells all."""
+        """What the recording leaves open about the chosen link, in words; empty: nothing."""
         names = ", ".join(self.loss.unidentified)
         if not names:
             return []

@@ -75,7 +75,7 @@ def outage_verdict(recording: Recording, design: hinf.Result, other: float = 0.0
     Parameters
     ----------
     design : with the guarantee `outages` (`cosim.hinf.synthesis.with_outages`).
-    other : what else makes a measurement older than its message, the receiver's step included [s].
+    other : further age of a measurement beyond that of its message, receiver's step included [s].
 
     Raises
     ------

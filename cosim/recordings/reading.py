@@ -129,7 +129,8 @@ def read_recording(
         >>> recording.lost.tolist(), recording.delay_ns[recording.arrived].tolist()
         ([False, True, False], [300000000, 400000000])
 
-    What looks wrong is asked about on standard error. A `LogFormat` says how a log is written.
+    Questions about anything that looks wrong are printed on standard error. A `LogFormat` says how
+    a log is written.
 
     Raises
     ------

@@ -84,7 +84,7 @@ def statistics_of(recording: Recording) -> LinkStatistics:
         >>> statistics.lost, statistics.delay_s.greatest, statistics.greatest_age_s
         (1, 0.25, 2.25)
 
-    What was in flight at its end counts in `messages` only.
+    Messages in flight at the end of the recording count in `messages` only.
     """
     ended = recording.ended
     lost, sent_ns = recording.lost[ended], recording.sent_ns[ended]

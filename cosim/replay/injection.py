@@ -94,10 +94,10 @@ def inject(
 
     Parameters
     ----------
-    path : the trace with the signals; ours, or any MCAP file with protobuf or JSON topics.
+    path : the trace with the signals, or any MCAP file with protobuf or JSON topics.
     into : the path of an FMU, its description, or what `cosim.pack` takes: a design, a system.
     output : the new trace.
-    request : what is fed and compared; by default every input of the same name.
+    request : which signals are fed and compared; by default every input of the same name.
 
     Raises
     ------

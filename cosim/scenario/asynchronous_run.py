@@ -21,7 +21,7 @@ async def run_async(
     progress: Progress | None = None,
     **options: Any,
 ) -> RunResult:
-    """Run a scenario in a thread, as `run`, so that others can go on; many at a time.
+    """Run a scenario as `run` does, in a thread, so that other tasks, and other runs, can go on.
 
         >>> import asyncio
         >>> from cosim import DelaySystem, Scenario, run_async
@@ -32,7 +32,7 @@ async def run_async(
         >>> [result.status for result in asyncio.run(several())]
         ['finished', 'finished']
 
-    Who cancels it ends the run: its components are ended, and what its trace has by then stays.
+    Cancelling the task ends the run: its components are ended, and the trace keeps all rows so far.
 
     options : as of `run`.
 

@@ -41,9 +41,9 @@ def env(
     Parameters
     ----------
     scenario, fmus, flavour : as of `run`.
-    act, observe : signals or groups that an action replaces, and that are observed.
+    act, observe : signals or groups that an action replaces, and signals or groups to observe.
     reward : takes observation and action, arrays of doubles.
-    points : communication points for which an action is held.
+    points : number of communication points for which an action is held.
 
     Raises
     ------

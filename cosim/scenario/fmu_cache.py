@@ -73,11 +73,12 @@ class FmuCache:
     def made(self, spec: ComponentSpec, what: str) -> FmuDescription:
         """Return the FMU of a component that a scenario describes in `what`; build it if missing.
 
-        It is kept in the user's cache: it is no FMU that anybody chose, and is made again alike.
+        It is kept in the user's cache: nobody chose this file, and an identical one can be made
+        again.
 
         Raises
         ------
-        InputError : names that would be one in C, or an FMU that cannot be built.
+        InputError : different names that are the same in C, or an FMU that cannot be built.
         """
         named = replace(spec, name=re.sub(r"[^A-Za-z0-9]+", "_", spec.name))
         for folder in (cache_folder(), own_folder()):

@@ -45,7 +45,7 @@ _OF_COMPONENT = tuple(name for name in ComponentPart.model_fields if name != "fm
 
 
 class Scenario:
-    """A run as data: what flies, over which links, what happens, and what must hold.
+    """A run as data: its components, links, events and assertions.
 
         >>> from cosim import DelaySystem, Scenario, analyse, run
         >>> system = DelaySystem(A=[[0.1]], B=[[1]], C=[[1]], D=[[1]])
@@ -73,8 +73,8 @@ class Scenario:
 
     Raises
     ------
-    InputError : by each method, where a key is none; by `loaded` and `cosim.run`, where parts do
-        not fit.
+    InputError : by each method, if a key does not exist; by `loaded` and `cosim.run`, if parts do
+        not fit together.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class Scenario:
     def of_data(cls, data: Mapping[str, Any], *, name: str, folder: Path | None = None) -> Self:
         """Return a scenario of tables, as TOML has them.
 
-        folder : where relative paths begin; None: where the process is.
+        folder : the start of relative paths; None: the folder of the process.
         """
         empty = cls(step=0, until=0, name=name)
         vars(empty).update(_data=copy.deepcopy(dict(data)))
@@ -178,7 +178,7 @@ class Scenario:
         return self.set(f"links.{name}", {"kind": kind, **keys})
 
     def at(self, time: float | str, *, lasts: float | str | None = None, **actions: Any) -> Self:
-        """Let something happen at a time [s]; what it does is undone when it is over.
+        """Let something happen at a time [s]; its effect is undone when the event is over.
 
         lasts : how long [s]; None: to the end.
         actions : of [[events]]: `set`, `override`, `bias`, `outage`, `delay`, `loss`, `stop`, ...
@@ -201,7 +201,7 @@ class Scenario:
 
         Raises
         ------
-        InputError : a path through what is no table.
+        InputError : a path through something that is not a table.
         """
         data, objects = self.to_data(), dict(self._objects)
         path = split(key)
@@ -211,7 +211,7 @@ class Scenario:
         return self._with(data, objects)
 
     def with_design(self, design: Result) -> Self:
-        """Let [design] be a design that there is, in place of how one is made or found."""
+        """Use this design as [design], in place of instructions to make or find one."""
         data = self.to_data()
         part = {key: x for key, x in data.get("design", {}).items() if key not in MADE_WITH}
         data["design"] = {**part, "file": str(_kept_design(design))}
@@ -249,7 +249,7 @@ class Scenario:
         return target
 
     def source(self, flavour: str = DEFAULT_FLAVOUR) -> Source:
-        """Return what is read of a file: objects are FMUs, and a design a file, in the cache.
+        """Return the scenario as from a file: objects become FMUs, a design a file, in the cache.
 
         Raises
         ------

@@ -33,7 +33,8 @@ class Outcome(RunOutcome):
     log_after_end : log lines while the slaves were ended, after the trace was complete: `level`,
         `name` of the component, `message`.
     design : where the design comes from; None without one.
-    binaries : component, and "the kernel" if it ran -> "prebuilt", or where its binary is from.
+    binaries : name of a component, or "the kernel" if it ran -> "prebuilt", or the source of its
+        binary.
     supervised : how the child process of the components was started, "fork" or "spawn"; None if
         they ran in this process.
     """
@@ -54,7 +55,7 @@ class Outcome(RunOutcome):
 
     @property
     def binaries_text(self) -> str:
-        """What ran, by where it is from, in words."""
+        """The binaries that ran, by their source, in words."""
         origins = dict.fromkeys(self.binaries.values())
         return "; ".join(
             f"{', '.join(name for name, of in self.binaries.items() if of == origin)} {origin}"

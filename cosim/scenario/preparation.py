@@ -152,12 +152,11 @@ def prepare(
         (['lag'], True)
 
     saved : problem and design to use instead of the scenario's.
-    worst_case : its worst case, instead of the one in the design.
-    of_links : prove a gain that is made for the ages that the links justify; False where one
-        design serves many links, as in a study.
-    plant : parameters of the vehicle to design for, where one design serves many plants; None:
-        those that the scenario gives its plant, and a design named for quite another vehicle is
-        refused.
+    worst_case : worst case to use instead of the one in the design.
+    of_links : prove a new gain for the ages that the links justify; False if one design serves many
+        links, as in a study.
+    plant : parameters of the vehicle to design for, if one design serves many plants; None: those
+        that the scenario gives its plant; then a named design for quite another vehicle is refused.
 
     Raises
     ------

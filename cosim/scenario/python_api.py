@@ -65,13 +65,13 @@ def run(
         true.
     keep : keep the rows in memory, where no trace is written.
     on_row : called with each row as it becomes complete.
-    progress : called as the run goes on, with the phase, and what is done of how much.
+    progress : called as the run goes on, with the phase, the amount done and the total.
 
     Raises
     ------
     InputError, ComponentError, NotAchievableError, LossError : see `prepare` and `execute_run`.
-    KeyboardInterrupt : after Ctrl-C; of a supervised run with the run so far as `outcome`. At a
-        prompt and in a notebook the run so far is returned.
+    KeyboardInterrupt : after Ctrl-C; after a supervised run, its `outcome` is the run so far. At a
+        prompt and in a notebook the run so far is returned instead.
     """
     if supervise and isinstance(scenario, Scenario):
         scenario.check_forks("a child process", "supervise", "supervise=False")

@@ -30,12 +30,12 @@ class Session:
         ...     filled, session["tank.x[1]"] == low, session.time, session.status
         (True, True, 1.0, 'running')
 
-    A group, `plant.x`, is an array. At any time the components are at `time`, where their outputs
-    are known; inputs are of the step before, until the run goes on.
+    A group, `plant.x`, is an array. The components are always at `time`, and so are their outputs;
+    inputs are those of the step before, until the run goes on.
 
-    It is open until its `with` block ends, and has ended where the run is over: a step is then
-    refused, `restore` goes back. A component that fails ends it for good: that call, and every
-    one after it, raises its `ComponentError`.
+    It is open until its `with` block ends. When the run is over, the session has ended: a step is
+    then refused, but `restore` goes back. A component that fails ends the session for good: that
+    call, and every later one, raises its `ComponentError`.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class Session:
         Parameters
         ----------
         until : time [s], or a text with a unit; None: the end.
-        stop : asked after every row, with this session; true ends the call, not the run.
+        stop : called with this session after every row; a true result ends the call, not the run.
         pace : slows the run down to wall-clock time.
 
         Raises
@@ -126,7 +126,7 @@ class Session:
         return self._session.run_until(end, stop=look, pace=pace)
 
     def save(self, *, portable: bool = False) -> Snapshot:
-        """Return the present state: of components, links, rows, and what was replaced.
+        """Return the present state: components, links, rows, and replaced values.
 
         portable : as bytes, for `Snapshot.save` and for other sessions of the same scenario.
 

@@ -128,7 +128,7 @@ def check_step(
     Parameters
     ----------
     tolerance : largest relative error that counts as small enough; None: `TOLERANCE`.
-    observe_order : run at a quarter of the step too, and use the order that is observed.
+    observe_order : also run at a quarter of the step, and use the order that is observed.
     supervision : as for `execute_run`; None: in this process.
 
     Raises

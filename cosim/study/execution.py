@@ -52,7 +52,7 @@ RUN_LIMIT_S, RUN_LIMIT_FACTOR = 60.0, 50.0
 
 @dataclass(frozen=True)
 class StudyResult:
-    """The result of a study that is done.
+    """The result of executing a study.
 
         >>> from cosim import DelaySystem, Scenario, run_study
         >>> from cosim.study import Study
@@ -67,7 +67,7 @@ class StudyResult:
     Attributes
     ----------
     folder, results : the folder of the study, and its table; the folder while runs are missing.
-    runs : number of runs that are done; `executed` of them by this call, the others before.
+    runs : number of runs that are done; `executed` of them in this call, the others before.
     count : number of runs of the study.
     statuses : status -> number of runs.
     traces : number of the run -> None for a kept trace, or why there is none.
@@ -92,7 +92,7 @@ class StudyResult:
     incomplete: tuple[Row, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the object that `--json` prints."""
+        """Return all fields as JSON values."""
         return {
             "folder": str(self.folder),
             "results": str(self.results),

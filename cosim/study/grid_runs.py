@@ -47,11 +47,11 @@ def sweep(
     ----------
     scenario : a built-in name, a file, or one that was made in Python.
     grid : values by the dotted path of a key, as of `--set`; every combination is run.
-    metrics : figures by the name of their column, as [metrics] of a study has them: a path into
-        what `cosim run --json` prints, or a signal that is reduced. By default headline, gain and
+    metrics : figures by the name of their column, as in [metrics] of a study: a path into the
+        output of `cosim run --json`, or a signal that is reduced. By default headline, gain and
         gamma.
     workers : number of processes on this machine; "all": one per core.
-    out : folder of the study, which the same call continues; None: a temporary one.
+    out : folder of the study, from which the same call continues; None: a temporary one.
     fmus, flavour, limits, progress : as of `run_study`.
 
     Returns
@@ -61,7 +61,7 @@ def sweep(
 
     Raises
     ------
-    InputError : an empty grid, a path or metric that is none, or pandas is not installed.
+    InputError : an empty grid, a path or metric that does not exist, or pandas is not installed.
     CosimError : as `run_study`.
     """
     if workers != 1 and isinstance(scenario, Scenario):

@@ -49,7 +49,7 @@ def builtin_studies() -> list[str]:
 
 
 def load_study(name_or_path: str) -> LoadedStudy:
-    """Load a built-in study by name, a TOML file by path, or what a folder of results is of.
+    """Load a built-in study by name, a TOML file by path, or the study of a folder of results.
 
         >>> from cosim.study import load_study
         >>> loaded = load_study("delay-margin")

@@ -107,7 +107,7 @@ def _with(system: DelaySystem, delays: tuple[Delay, ...]) -> DelaySystem:
 
 
 def boundary(table: Any, manifest: dict[str, Any]) -> Boundary | None:
-    """Return the boundary that a table shows; None for a study without [stability].
+    """Return the stability boundary in a table of results; None for a study without [stability].
 
         >>> from cosim import Delay, DelaySystem, Scenario, run_study
         >>> from cosim.study import Study, boundary, read_table

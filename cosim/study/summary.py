@@ -138,7 +138,7 @@ def summarise(
     Parameters
     ----------
     by : axes to group by; None for the grid axes, if they give few groups.
-    quantiles : shares of runs, such as 0.95, below whose values these are.
+    quantiles : the quantiles of the metrics to compute, such as 0.95.
 
     Raises
     ------

@@ -32,7 +32,7 @@ def content_hash(path: AnyPath, *, incomplete: bool | None = None) -> str:
         >>> content_hash("one.mcap") == content_hash("two.mcap") == runs[0].content_hash
         True
 
-    Of traces whose rows are of format 1 it is that of version 2, which they have had ever since.
+    For traces with rows of format 1, the hash is that of version 2, so that it has never changed.
     `incomplete` as in `Trace`: of a file cut short, the part that can be read is hashed.
 
     Raises

@@ -57,8 +57,8 @@ def render(description: Mapping[str, Any], *, details: bool = True) -> Group:
         ...
 
     description : as `describe` returns it.
-    details : FMUs, proof, attachments, what was met, and the signals of each topic; without them
-        how the run ended, what it may claim, and what there is to read.
+    details : show FMUs, proof, attachments, assumptions and the signals of each topic; False: only
+        how the run ended, what it can claim, and which topics there are.
     """
     topics = description["topics"]
     parts: list[Any] = [_facts(description, details=details)]

@@ -61,7 +61,7 @@ class Trace(Recorded):
     incomplete : True: read a file that is cut short or damaged as far as possible, by a scan of
         the whole file. False: refuse it; damaged data are noticed when they are read. None:
         True for a name that ends in `.partial`, else False.
-    by_summary : of an `incomplete` file too, use the summary if it is there and consistent;
+    by_summary : use the summary, also of an `incomplete` file, if it is there and consistent;
         damaged data are then noticed when they are read.
 
     Attributes
@@ -69,7 +69,7 @@ class Trace(Recorded):
     run, result : entries of `cosim.run` ({} in files of other tools), and `cosim.result` (None if
         the run did not finish).
     finished : whether there is a result.
-    complete : whether the file is whole; else `damage` says where and why reading stopped.
+    complete : whether the file is whole; if not, `damage` says where and why reading stopped.
     metadata : every metadata record, (name, entries), in file order.
     attachments, media_types : by name.
     topics : `TopicInfo` by topic, in order of appearance.
@@ -120,13 +120,13 @@ class Trace(Recorded):
 
     @property
     def row_format(self) -> int:
-        """Format of the rows of components and links: 2; 1 in older files and in those of others.
+        """Format of the rows of components and links: 2; 1 in older files and those of others.
 
-        Rows are read whatever it is; the content hash depends on it.
+        Rows are read in either format; the content hash depends on it.
 
         Raises
         ------
-        InputError : the file says another one.
+        InputError : the file names another format.
         """
         known = ("1", layout.NEWEST_ROW_FORMAT)
         if self._row_format not in known:

@@ -94,7 +94,7 @@ def recover(
     strict: bool = False,
     progress: Progress | None = None,
 ) -> Recovery:
-    """Write a finished file with every message, metadata record and attachment that is one.
+    """Write a finished file with every message, metadata record and attachment that can be read.
 
         >>> from pathlib import Path
         >>> from cosim import DelaySystem, Scenario, run
@@ -106,15 +106,15 @@ def recover(
         >>> recovery.output.name, recovery.complete, recovery.finished
         ('lag.recovered.mcap', False, True)
 
-    What can be read of a damaged chunk or attachment is kept, and marked: values may be wrong, and
-    the record `cosim.recovered` names them. The source is not changed. If it is whole, nothing is
+    Readable data of a damaged chunk or attachment are kept and marked: values may be wrong, and the
+    record `cosim.recovered` names them. The source is not changed. If it is whole, nothing is
     written, or a copy if an output is given.
 
     Parameters
     ----------
     output : by default NAME.recovered.mcap beside NAME.mcap or NAME.mcap.partial.
     force : replace an output that exists.
-    strict : leave out damaged chunks and attachments whole.
+    strict : leave out everything from damaged chunks and attachments.
 
     Raises
     ------

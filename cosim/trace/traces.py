@@ -47,9 +47,9 @@ class Traces(Framed, Sequence[Trace]):
 
     Attributes
     ----------
-    levels : what differs between the runs, by name: `scenario`, `seed`, and keys in which runs of
-        one scenario differ (`links.uplink.delay`), with one value per trace, None where a run has
-        none; the file's name as well, as `trace`, where these are the same for two of them.
+    levels : the differences between the runs, by name: `scenario`, `seed`, and keys in which runs
+        of one scenario differ (`links.uplink.delay`), with one value per trace, None where a run
+        has none; also the file's name, as `trace`, if all of these are the same for two traces.
 
     Raises
     ------

@@ -56,7 +56,7 @@ _CALMER = 0.7
 
 @dataclass(frozen=True)
 class Flight:
-    """A flight: its outcome, what was designed for it, and the folder with everything made for it.
+    """A flight: its outcome, its design, and the folder with all its files.
 
         >>> from pathlib import Path
         >>> from cosim.vehicle import FlightSettings, fly
@@ -76,7 +76,7 @@ class Flight:
 
     Attributes
     ----------
-    crossings : what crosses which link, and the ages that the proof allows.
+    crossings : which signals cross which link, and the ages that the proof allows.
     picture : None without matplotlib; then `no_picture` says what to install.
     seconds : wall-clock time of each step [s].
     """
@@ -136,15 +136,16 @@ def fly(  # noqa: PLR0915 - one step after the other
         >>> flight.outcome.status, flight.outcome.metrics["guarantee_claimed"]
         ('finished', True)
 
-    What its file measures over the link, and the set-points, cross it; the loop is closed on board.
+    The set-points, and the measurements that the file takes over the link, cross the link; the loop
+    is closed on board.
 
     Parameters
     ----------
-    vehicle : or the name of one of the gallery, or a `.toml` file.
+    vehicle : a vehicle, the name of one of the gallery, or a `.toml` file.
     folder : for vehicle, design, FMUs, scenario, trace and picture.
-    settings : link, losses, duration; the defaults without it.
-    fmu_cache : where FMUs of the catalogue are.
-    say : is called with a line about each step.
+    settings : link, losses, duration; None: the defaults.
+    fmu_cache : where FMUs of the catalogue are found.
+    say : called with a line about each step.
 
     Raises
     ------

@@ -30,7 +30,7 @@ _RUN = 1.25  # mean length of a run of losses, in messages
 
 @dataclass(frozen=True)
 class FlightSettings:
-    """What is asked of a flight.
+    """The settings of a flight.
 
         >>> from cosim.vehicle import FlightSettings
         >>> slow = FlightSettings(link=10.0, loss=0.2, duration=600.0)
@@ -40,14 +40,14 @@ class FlightSettings:
     Attributes
     ----------
     link : greatest time that a message over the link takes [s].
-    losses : messages that may be lost in a row within the age designed for.
-    loss : share of its messages that are lost, in runs.
+    losses : number of messages lost in a row that the age designed for allows.
+    loss : share of the link's messages that are lost, in runs.
     duration : of the flight [s].
     step : communication step [s].
     seed : of the sea, the losses and the noise.
-    use : share of envelope and limits that set-points and sea may take of the linear model.
-    recording : what the link does to its messages, in place of `loss` and, where it has times of
-        arrival, of delays up to `link`, for which the design is made all the same.
+    use : share of the envelope and the limits that set-points and sea may use in the linear model.
+    recording : the losses of the link in place of `loss` and, if it has times of arrival, its
+        delays in place of delays up to `link`; the design is made for `link` in any case.
     """
 
     link: float = 2.0
@@ -70,8 +70,7 @@ class FlightSettings:
             >>> FlightSettings.over(modem, duration=60.0).link
             1.25
 
-        Without `link` among the settings given the design is for the greatest delay recorded, in
-        whole steps.
+        If `link` is not given, the design is for the greatest recorded delay, in whole steps.
         """
         settings = cls(**{"link": 1.0, "loss": 0.0, **given, "recording": recording})
         if "link" in given or recording.delay_ns is None:
@@ -81,7 +80,7 @@ class FlightSettings:
 
     @property
     def replay(self) -> str:
-        """How the recording is replayed: once; in a loop where the flight lasts longer."""
+        """How the recording is replayed: once, or in a loop if the flight lasts longer."""
         long_enough = self.recording is None or self.recording.sent_ns[-1] >= 1e9 * self.duration
         return "once" if long_enough else "loop"
 
@@ -90,7 +89,7 @@ class FlightSettings:
         """Greatest age of a command that the design allows for [s].
 
         The controller is on board and commands at every step, without feedthrough: the estimate at
-        the beginning of a step acts until its end. A fifth of a step is to spare.
+        the beginning of a step acts until its end. A fifth of a step is a reserve.
         """
         return round(_HOLD * self.step, 9)
 

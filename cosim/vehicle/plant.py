@@ -74,7 +74,7 @@ def export_vehicle(
 
 
 def named_vehicle(name_or_path: str) -> Vehicle | None:
-    """Return the vehicle of the gallery, or of a file that is one; None for a system.
+    """Return a vehicle of the gallery or of a vehicle file; None for the name of a system.
 
         >>> from cosim.vehicle import named_vehicle
         >>> named_vehicle("remus100").degrees_of_freedom
@@ -84,7 +84,7 @@ def named_vehicle(name_or_path: str) -> Vehicle | None:
 
     Raises
     ------
-    InputError : a name of neither; as `load_vehicle`, for a file with the keys of a vehicle.
+    InputError : a name of neither; for a file with the keys of a vehicle, as `load_vehicle`.
     """
     if name_or_path in VEHICLES:
         return load_vehicle(name_or_path)

@@ -104,7 +104,7 @@ class Vehicle:
     envelope : state by FMI name -> bound about the trim, for every angle and velocity.
     default_bounds : the states whose bound is a default, since the file gives none.
     text : the file.
-    defaults : what the file leaves open, by its place there, and what is taken for it.
+    defaults : by its place in the file, each value that the file leaves open, and the default used.
     """
 
     name: str
@@ -169,8 +169,9 @@ class Vehicle:
         x : in the order of `states` (n,).
         delayed : x(t-d) (n,), or nothing without onboard damping.
         u : in the order of `inputs` (m,).
-        ns : sin, cos, sqrt, exp, atan2, asin, min and max of two, for the scalars given.
-        parameters : in place of the vehicle's own, of the same names.
+        ns : the functions sin, cos, sqrt, exp, atan2, asin, and min and max of two, for these
+            scalars.
+        parameters : values in place of the vehicle's own, by the same names.
         """
         constants = (
             self._constants if parameters is None else self.equations.constants(parameters, ns)

@@ -95,13 +95,13 @@ def build_fmu(
     ----------
     component : the name of a built-in component, such as "AuvPlant", or a specification.
     flavour : "native" (C, FMI 2.0), "native-fmi3" (C, FMI 3.0) or "python" (pythonfmu).
-    platforms : to cross-compile a native FMU for; none: those that are prebuilt, or this machine,
-        by its own compiler.
-    prebuilt : whether to use what the wheel brings: the FMU of a built-in component; for any other
-        a binary of its kind, which reads the model and computes the same bits.
+    platforms : the platforms to cross-compile a native FMU for; none: those that are prebuilt, or
+        this machine, by its own compiler.
+    prebuilt : whether to use the binaries in the wheel: the FMU of a built-in component; for any
+        other component a binary of its kind, which reads the model and computes the same bits.
     clocked : with event mode and input Clocks (FMI 3.0): a sampled controller samples when its
         Clock ticks, a packet link sends and delivers when its two Clocks do. Without event mode it
-        is as the one without Clocks.
+        behaves like the FMU without Clocks.
 
     Raises
     ------

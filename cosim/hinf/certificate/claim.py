@@ -26,8 +26,8 @@ class CertificateCheck:
     valid : whether the claim is proved.
     reason : why it is not; None if it is.
     claim : the claim, as in the JSON (see `claim_of`).
-    not_read : the keys of the file on which the outcome does not depend, as `figures`,
-        `system.name`: notes and names, which nothing proves.
+    not_read : the keys of the file on which the outcome does not depend, such as `figures` and
+        `system.name`: notes and names, which are not proved.
     """
 
     valid: bool

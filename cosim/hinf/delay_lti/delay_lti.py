@@ -138,7 +138,7 @@ class DelayLTI(Blocks):
     def value(self, s: ArrayLike) -> Any:
         """Return G(s), s.shape + (p, m); s.shape where there is one input and output.
 
-        Not by a call: python-control would take the system for the function of another one.
+        There is no call `G(s)`: python-control would take a callable system for an update function.
 
         Raises
         ------
@@ -159,7 +159,7 @@ class DelayLTI(Blocks):
 
         Raises
         ------
-        InputError : frequencies that are none, or that of a pole.
+        InputError : invalid frequencies, or the frequency of a pole.
         """
         return frequency_response_of(self, omega)
 
@@ -176,11 +176,12 @@ class DelayLTI(Blocks):
     def step_response(self, t: ArrayLike | None = None) -> TimeResponse:
         """Return the response to unit steps at t [s], an end, or until it has settled.
 
-        Exact but for rounding; `error` estimates that.
+        Exact except for rounding, which `error` estimates.
 
         Raises
         ------
-        InputError : times that are none, or so long against the delays that no computer has room.
+        InputError : invalid times, or times so long against the delays that memory does not
+            suffice.
         """
         return step_response(self, t)
 
@@ -286,11 +287,12 @@ class DelayLTI(Blocks):
     def system(self) -> DelaySystem:
         """Return a `DelaySystem` with the roots and the norm of this system, for proofs.
 
-        It is this system, but for a delay that all inputs or all outputs share; or its transpose.
+        It is this system without a delay that all inputs or all outputs share; or its transpose.
 
         Raises
         ------
-        InputError : there is none: neutral, or inputs and outputs late in different ways.
+        InputError : there is none: the system is neutral, or inputs and outputs have different
+            delays.
         """
         plain = plain_of(self)
         retarded = None if plain is None or not self.order else plain.system()
@@ -304,11 +306,11 @@ class DelayLTI(Blocks):
         return retarded
 
     def plant(self) -> DelaySystem:
-        """Return it as a `DelaySystem` from u to z, as an FMU and a run take it.
+        """Return this system as a `DelaySystem` from u to z, for an FMU or a run.
 
         Raises
         ------
-        InputError : a neutral system, no states, or late inputs or outputs: those are links.
+        InputError : a neutral system, no states, or delayed inputs or outputs: those are links.
         """
         first, *rest = terms_of(self)
         for term in rest:
@@ -350,7 +352,7 @@ class DelayLTI(Blocks):
 
         Raises
         ------
-        InputError : delays: there are infinitely many, and `roots` finds the rightmost.
+        InputError : the system has delays, so infinitely many poles; `roots` finds the rightmost.
         """
         if self.delays.size:
             raise InputError(
@@ -498,7 +500,7 @@ def series(*models: Any) -> DelayLTI:
         >>> late, round(float(late.value(0).real), 3)
         (<DelayLTI: 1 input, 1 output, 1 state, internal delays 1 s>, 2.0)
 
-    A model with one input and output goes with any number of signals, once for each.
+    A model with one input and output is applied to each of any number of signals.
 
     Raises
     ------

@@ -64,9 +64,9 @@ def delay_margin(
         >>> [round(d, 3) for d in delay_margin(system, [[-1.0]])]  # pi / 2
         [1.571]
 
-    All delays are constants here, also those of any age, and the loop is the nominal one. At
-    the value returned a root lies on the axis (F is within 1e-14 of singular, relative to its
-    terms), and none does at shorter delays, to a relative 1e-9 (1e-3 at a touch of the axis).
+    All delays, also those of any age, are constants here, and the loop is the nominal one. At the
+    value returned a root lies on the axis (F is within 1e-14 of singular, relative to its terms),
+    and none does at shorter delays, to a relative 1e-9 (1e-3 at a touch of the axis).
 
     Parameters
     ----------

@@ -231,12 +231,12 @@ def characteristic_roots(loop: ClosedLoop | Blocks, count: int = 10) -> Roots:
     Parameters
     ----------
     loop : of a `ClosedLoop` its A and delays; or a `DelayLTI`.
-    count : how many; one more where a conjugate pair is at the end, fewer where there are no
-        more (n without an effective delay).
+    count : number of roots to find; one more if a conjugate pair is at the end, fewer if there are
+        no more (n without an effective delay).
 
     Returns
     -------
-    Distinct roots [1/s], rightmost first, of a pair the one above the real axis first. Each
+    Distinct roots [1/s], rightmost first; of a pair, the root above the real axis comes first. Each
     satisfies the equation to a relative residual of 1e-10; a multiple root appears once.
 
     Raises

@@ -22,7 +22,7 @@ KEYS = ("decay", "damping", "within", "gain_limit", "peak_control", "offset", "e
 
 @dataclass(frozen=True)
 class DesignConstraints:
-    """What a gain must meet beside gamma; None where there is no constraint.
+    """The constraints that a gain must meet beside gamma; None: no such constraint.
 
         >>> from pathlib import Path
         >>> from cosim.hinf import DesignConstraints, system_by_name

@@ -109,7 +109,7 @@ class MessageAges:
     ----------
     system : with the delay that is varied.
     delay_index : its index.
-    assumption, least_age : what the rows assume of the age: its kind, and its least value [s].
+    assumption, least_age : the kind of age that the rows assume, and its least value [s].
     gamma : the bound that rows and limits had to meet, or None.
     rows : by age.
     age, K : the age [s] whose gain the limits are of, and this gain.

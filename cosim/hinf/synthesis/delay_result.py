@@ -29,7 +29,7 @@ class GreatestDelay:
     delay_index : index of the delay in `system.delays`; the others are kept.
     delay : the greatest certified delay [s]; None if no delay is certified.
     result : the gain and its proof at that delay; of the system as given if none is certified.
-    limit_reached : whether it is the limit of the search; nothing is known beyond.
+    limit_reached : whether `delay` is the limit of the search; nothing is known beyond it.
     not_certified_at : a delay [s] just above it without a proof; None where none was tried.
     refuted_at : a delay [s] just above it from which on the LMI is proved to have no solution at
         the result's k1, k2; None: no proof of that.

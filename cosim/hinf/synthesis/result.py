@@ -58,7 +58,7 @@ _OF_A_GAIN = ("kind", "theorem", "claim", "system", "variables", "K", KEY)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result(delay_lti.HasFigures, Value):
-    """What is certified of a loop, its proof, and the figures of its nominal loop.
+    """A loop with its certified bounds, their proof, and the figures of its nominal loop.
 
         >>> from cosim import DelaySystem, Result, design, link
         >>> system = DelaySystem(
@@ -70,8 +70,8 @@ class Result(delay_lti.HasFigures, Value):
         >>> Result.load(found.save("gain.json")) == found  # its proof is checked again
         True
 
-    It cannot be changed, and two are equal where everything they say is. Another gain is another
-    result: `analyse` it.
+    A result cannot be changed, and two results are equal if all their contents are. For another
+    gain, `analyse` gives another result.
 
     Attributes
     ----------
@@ -80,14 +80,14 @@ class Result(delay_lti.HasFigures, Value):
     gamma : certified bound of the gain from w to z, uncertainty included; with an observer from
         (w, w_1 .. w_p). None where there is no w or no z and stability alone is certified, or
         nothing.
-    figures : of the nominal loop. They are attributes of the result too, `abscissa`,
-        `exact_norm`, `exact_norm_upper`, `norm_frequency`, `delay_margin` and `worst_case`: see
-        `NominalFigures`. None where an older file has none.
+    figures : of the nominal loop; None for an older file without them. They are also attributes of
+        the result: `abscissa`, `exact_norm`, `exact_norm_upper`, `norm_frequency`, `delay_margin`
+        and `worst_case` (see `NominalFigures`).
     certificate : the proof as JSON values, for `check_certificate`; None where nothing is proved.
     order : Bessel-Legendre order of the proof, 0 for Theorem 1; None for Theorem 2.
     k1, k2 : of Theorem 2, one per delay; empty where the proof has an `order`.
     least_gamma : the solver's least gamma: not a proof; None where it finds none.
-    guarantees : what is proved beside gamma, also in the certificate.
+    guarantees : the design constraints and bounds proved beside gamma, also in the certificate.
     observer : plant and observer as one system, which the proof is about; None where the state is
         fed back.
     reason : why nothing is proved; None if something is.
@@ -164,12 +164,12 @@ class Result(delay_lti.HasFigures, Value):
 
     @property
     def certified(self) -> bool:
-        """Whether the proof holds: checked here, once, so that no certificate is believed."""
+        """Whether the proof holds; checked here, once: no certificate is trusted unchecked."""
         return self.certificate is not None and self._checked.valid
 
     @property
     def covers_smaller_delays(self) -> bool:
-        """Whether the proof covers every delay up to the system's, not exactly these alone."""
+        """Whether the proof covers every delay up to the system's, not only exactly these."""
         return self.certificate is not None and covers_smaller(self.certificate["claim"])
 
     @property

@@ -36,13 +36,13 @@ class Diff:
 
     Attributes
     ----------
-    identical : equal content hashes; only metadata, attachments and log were compared then.
+    identical : the content hashes are equal; then only metadata, attachments and log were compared.
     signals : those in both, in the order of the first trace.
-    only : topics and signals that only one of them has.
+    only : topics and signals that only one of the traces has.
     other_bytes : topics of other encodings whose messages differ.
     ends_s : last instant of each [s].
-    log_lines : number of lines of /log that only one of them has.
-    prefix : the first is part of a run, and was compared with the beginning of the second.
+    log_lines : number of lines of /log that only one of the traces has.
+    prefix : whether the first is part of a run, and was compared with the beginning of the second.
     """
 
     paths: tuple[str, str]
@@ -103,8 +103,7 @@ def diff(
     tolerances : none by default: values must be equal.
     prefix : a is part of a run; compare it with the first rows of b.
     topics : compare only these; by default all that do not follow from others.
-    seen : is given every difference of signals of numbers, part by part; nothing of identical
-        traces.
+    seen : called with every difference of numeric signals, part by part; not for identical traces.
 
     Raises
     ------
