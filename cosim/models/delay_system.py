@@ -253,8 +253,7 @@ class Delay(Value):
     def constant_age(self) -> float:
         """The constant [s] in its place in the nominal loop: d, or the mean of a sampled age.
 
-        A sampled age cannot stay at d: such a loop may be stable although a constant delay d is
-        not.
+        A sampled age cannot stay at d: the loop may be stable although it is not at a constant d.
         """
         return (self.least_age + self.d) / 2 if self.sampled else self.d
 
