@@ -26,7 +26,8 @@ app = HelpTyper(
     no_args_is_help=False,
     invoke_without_command=True,
     context_settings={"max_content_width": 120},
-    epilog="cosim alone shows where to begin; the --help of every command has examples.",
+    epilog="Run cosim without arguments to see where to begin; the --help of every command "
+    "has examples.",
     **(STYLE | {"add_completion": True}),
 )
 """Every command and group, for who reads or calls them in a process; `main` is the command."""

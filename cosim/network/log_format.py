@@ -34,7 +34,7 @@ _LONG_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class LogFormat:
-    r"""How a log of messages is written; what is not said is found in the file, or an error.
+    r"""How a log of messages is written; anything left open is detected in the file, or an error.
 
         >>> from pathlib import Path
         >>> from cosim.network import LogFormat
@@ -47,20 +47,21 @@ class LogFormat:
 
     Parameters
     ----------
-    sent, received, delay, status, sequence : names of columns; those of the first three are found
-        by the usual ones (`sent`, `tx`, `send_time`; `delivered`, `rx`, `arrival`; `delay`) where
-        exactly one has such a name. `status` says whether a message was lost, 1 or 0, or one of
-        `lost`; without it the column `lost`. A number that is missing in `sequence` is a message
+    sent, received, delay, status, sequence : names of columns; the first three are detected by the
+        usual names (`sent`, `tx`, `send_time`; `delivered`, `rx`, `arrival`; `delay`) if exactly
+        one column has one. `status` says whether a message was lost: 1 or 0, or a text in `lost`;
+        without it, the column `lost` says so. A number that is missing in `sequence` is a message
         that was lost and has no row.
-    delimiter : ",", ";", "tab" or "space"; None: as the header has it.
-    decimal : "." or ","; None: either, and a comma only where it is no delimiter.
+    delimiter : ",", ";", "tab" or "space"; None: that of the header.
+    decimal : "." or ","; None: either, but a comma only if it is not the delimiter.
     unit : of times that are numbers; None: as the header says (`tx_ms`, `sent [us]`), else seconds.
         Times in ISO 8601 need none.
-    lost : what means lost in place of a time, beside an empty cell; capital letters are as small
-        ones. None: NaN, NaT, lost, -, -1 (where no message can have come then), inf, null.
+    lost : texts that mean lost in place of a time, besides an empty cell; case does not matter.
+        None: NaN, NaT, lost, -, -1 (where no message can have come then), inf, null.
     clock_offset_ns : by how much the receiver's clock is ahead of the sender's [ns]; subtracted
         from the times of arrival, and from a delay.
-    hints : how messages name a key: for Python, as "toml" of a file, as "options" of a command.
+    hints : how error messages name a key: for "python", for a "toml" file, or as "options" of a
+        command.
 
     Raises
     ------
@@ -75,20 +76,23 @@ class LogFormat:
         str | None, TextKey("column of sequence numbers; a missing one is a lost message")
     ] = None
     delimiter: Annotated[
-        Delimiter | None, ChoiceKey("what is between two columns; without it found", DELIMITERS)
+        Delimiter | None,
+        ChoiceKey("character between two columns; without it, detected", DELIMITERS),
     ] = None
     decimal: Annotated[
-        Literal[".", ","] | None, ChoiceKey("decimal point or comma; without it found", (".", ","))
+        Literal[".", ","] | None,
+        ChoiceKey("decimal point or comma; without it, detected", (".", ",")),
     ] = None
     unit: Annotated[
-        Unit | None, ChoiceKey("unit of times that are numbers; else s", get_args(Unit))
+        Unit | None,
+        ChoiceKey("unit of times that are numbers; without it, the header's, or s", get_args(Unit)),
     ] = None
     lost: Annotated[
         tuple[str, ...] | None,
-        TextKey("what means lost in place of a time, beside an empty cell", several=True),
+        TextKey("text that means lost in place of a time, besides an empty cell", several=True),
     ] = None
     clock_offset_ns: Annotated[
-        int, DurationKey("by how much the receiver's clock is ahead", least_ns=-MAX_NS)
+        int, DurationKey("time by which the receiver's clock is ahead", least_ns=-MAX_NS)
     ] = 0
     hints: Literal["python", "toml", "options"] = "python"
 
