@@ -33,8 +33,8 @@ from cosim.core import CheckFailedError, InputError, counted
 from cosim.network import LogFormat, Recording
 
 link_app = HelpTyper(
-    help="Record links from traces, show what became of their messages, fit models, and "
-    "apply a proof."
+    help="Record links from traces, show what became of their messages, fit models, and judge "
+    "links by a proof."
 )
 
 FileArgument = Annotated[
