@@ -58,7 +58,7 @@ VERBS = {
         "link",
         "link_app",
         "Record links from traces, show what became of their messages, fit models, "
-        "and apply a proof.",
+        "and judge links by a proof.",
     ),
     "certificate": Verb(
         "certificate",
