@@ -7,7 +7,7 @@ Design, prove and co-simulate control over slow links.
 A first hour, in this order:
 
   cosim demo
-      two gains over one acoustic link, in a picture
+      one survey by late fixes, two designs, in a picture
   cosim trace report traces/auv-survey.mcap
       what happened in the first run, as a page
   cosim design paper --search --save gain.json

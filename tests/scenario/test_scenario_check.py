@@ -35,7 +35,7 @@ def test_check_reports_the_message_of_run(path: Path, fmus: Path, tmp_path: Path
     assert "Traceback" not in result.out + result.err
     for words in wanted:
         assert words in result.out, result.out
-    assert f"{path}: " in result.out.splitlines()[-1]
+    assert f"{path}: " in result.out.splitlines()[0]
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
@@ -43,7 +43,8 @@ def test_builtin_scenarios_pass_the_check(name: str, fmus: Path, tmp_path: Path)
     """Every built-in scenario is ok."""
     result = cosim("scenario", "check", name, "--fmus", fmus.parent, "--json", cwd=tmp_path)
     assert result.code == 0
-    assert result.json == {"scenarios": [{"scenario": name, "ok": True, "problems": []}]}
+    rows = [{"scenario": name, "ok": True, "problems": []}]
+    assert result.json == {"answer": f"{name}: ok", "scenarios": rows}
 
 
 def test_all_good_files_at_once(fmus: Path, tmp_path: Path) -> None:
@@ -112,6 +113,6 @@ def test_broken_schema_reports_every_key(fmus: Path, tmp_path: Path) -> None:
     )
     result = cosim("scenario", "check", "keys.toml", "--fmus", fmus.parent, cwd=tmp_path)
     assert result.code == 2
-    assert result.out.splitlines()[-1] == "keys.toml: 4 errors"
+    assert result.out.splitlines()[0] == "keys.toml: 4 errors"
     for line in ("keys.toml:1:", "keys.toml:3:", "keys.toml:4:", "keys.toml:7:"):
         assert line in result.out

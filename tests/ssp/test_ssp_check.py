@@ -64,7 +64,7 @@ def test_the_verb_shows_it_and_prints_json(native_fmus: Path, tmp_path: Path) ->
     assert "link 'up-link' is an annotation" in " ".join(text.out.split())
     found = cosim("ssp", "check", "test.ssp", "--json", cwd=tmp_path).json
     assert {*found} == {
-        *("ssp", "version", "components", "connections", "links", "only_here", "notes")
+        *("answer", "ssp", "version", "components", "connections", "links", "only_here", "notes")
     }
     (tmp_path / "none.ssp").write_text("", "utf-8")
     assert cosim("ssp", "check", "none.ssp", cwd=tmp_path).code == 2
