@@ -80,10 +80,10 @@ def fit_line(found: Mapping[str, LinkFit]) -> str:
 
 
 def _in_short(name: str, found: LinkFit) -> str:
-    models = [found.loss.name, *([] if found.delay is None else [found.delay.name])]
     if found.refusals:
         return f"{name}: no model fits what was recorded"
-    return f"{name}: {' and '.join(models)} fit{'s' * (len(models) == 1)}"
+    delays = "" if found.delay is None else f" and {found.delay.name} delays"
+    return f"{name}: {found.loss.name} losses{delays} fit what was recorded"
 
 
 def fit_view(found: Mapping[str, LinkFit], out: Path | None) -> RenderableType:

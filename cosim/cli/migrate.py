@@ -51,7 +51,9 @@ def migrate(
             }
         )
     done = counted(sum(bool(found.changes) for found in made.values()), "file")
-    older = f"{done} of {len(made)} {'can be' if check else 'brought'} to the newest version"
+    older = (
+        f"{done} of {len(made)} {'can be brought' if check else 'brought'} to the newest version"
+    )
     several = len(rows) > 1
     answer(
         as_json,

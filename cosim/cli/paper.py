@@ -45,7 +45,7 @@ def paper(
         report = reproduce(report_progress)
     if html is not None:
         write(html, page(report))
-    counts = ", ".join(f"{count} {verdict}" for verdict, count in report.counts.items() if count)
+    counts = ", ".join(f"{verdict} {count}" for verdict, count in report.counts.items() if count)
     answer(
         as_json,
         report.to_json,

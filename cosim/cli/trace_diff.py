@@ -74,7 +74,7 @@ def diff(
         as_json,
         lambda: diff_json(found) | {"picture": None if drawn is None else str(drawn)},
         lambda: diff_view(found),
-        line=diff_verdict(found),
+        line=diff_verdict(found) + (f": {b} has every message of {a}" if found.identical else ""),
         tone="good" if found.equal else "bad",
         then=() if found.identical else (typed("trace report", a, "--compare", b),),
     )
