@@ -16,7 +16,9 @@ from cosim.network.checks import MAX_NS
 from cosim.network.keys import ChoiceKey, DurationKey, TextKey, check_keys, keys_of
 
 Delimiter = Literal[",", ";", "tab", "space"]
+"""What stands between the columns of a log."""
 Unit = Literal["s", "ms", "us", "ns"]
+"""In which the times of a log are written."""
 
 DELIMITERS: tuple[Delimiter, ...] = get_args(Delimiter)
 DIGITS: dict[Unit, int] = {"s": 9, "ms": 6, "us": 3, "ns": 0}
@@ -27,6 +29,7 @@ UNIT_WORDS: dict[Unit, str] = {
     "us": "microseconds",
     "ns": "nanoseconds",
 }
+"""Unit of times -> its name."""
 
 _LONG_S = 60.0
 """A delay beyond which a link under water is asked about [s]: 90 km of sound."""
