@@ -53,7 +53,6 @@ RING: dict[str, tuple[str, ...]] = {
     "cosim.master": ("Pace", "Snapshot"),
     "cosim.core": (
         *("ComponentError", "InputError", "LossError", "NotAchievableError", "Progress"),
-        "Seconds",
     ),
 }
 """Face -> the names of the second circle that it offers."""

@@ -12,6 +12,8 @@ from cosim.core.known_keys import example_of, keys_of_table, suggestion
 from cosim.core.origin import KeyPath, Layer, Origin, dotted, placed
 from cosim.core.part import Part, PartType
 
+_WRITTEN = 1e15
+"""Numbers below are written out in a hint; Python refuses to write the longest integers."""
 _NO_TABLE = ("model_type", "model_attributes_type", "dict_type")
 _LONGEST, _LISTED = 200, 20
 
@@ -185,8 +187,10 @@ def _brackets_and_quotes(wrong: str, value: Any, key: str) -> str | None:
             hint = f"a table for each, with its name: [{key}.NAME]"
         case kind if kind in _NO_TABLE and isinstance(value, list):
             hint = f"single brackets: [{key}]"
-        case "string_type" if isinstance(value, int | float):
+        case "string_type" if isinstance(value, int | float) and abs(value) < _WRITTEN:
             hint = f'in quotes: "{value}"'
+        case "string_type" if isinstance(value, int | float):
+            hint = "a text, in quotes"
         case _ if isinstance(value, str):
             hint = number_in_quotes(value)
     return hint

@@ -114,7 +114,7 @@ class FmuCache:
                 raise _not_built(fmu, self.root, error) from error
             say_once(
                 f"{self.root} cannot be written ({error.strerror}): FMUs are built in a temporary "
-                "folder, and built again by the next command; another folder for FMUs avoids it"
+                "folder, and built again by the next command; --fmus of the command names another"
             )
         folder = own_folder() / "built"
         try:

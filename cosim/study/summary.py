@@ -133,7 +133,7 @@ def summarise(
         >>> frame = sweep(lag, rates, {"x": "final.lag.x[1]"}, out="lags")
         >>> summary = summarise(*read_table("lags"))
         >>> summary.by, [round(group.numbers["x"].mean, 3) for group in summary.groups]
-        (('components.lag.parameters.A[1,1]',), [0.135, 0.368])
+        (('components_lag_parameters_A_1_1',), [0.135, 0.368])
 
     Parameters
     ----------

@@ -131,6 +131,7 @@ class Variations:
         except ValidationError as error:
             first = refusals(ScenarioPart, error, data, Origin(()))[0]
             first.what = "the varied scenario is not allowed"
+            first.where = ".".join(map(str, error.errors(include_url=False)[0]["loc"]))
             first.args = (first.text(),)
             raise first from error
 

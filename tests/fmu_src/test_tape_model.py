@@ -213,5 +213,5 @@ def test_what_is_too_large_says_so(tmp_path: Path) -> None:
     system = DelaySystem(A=[[-1.0]], delays=[Delay(A=[[0.1]], d=0.1 * k) for k in range(1, 10)])
     done = prebuilt_fmu(PLANT(system, name="Large"), "plant", tmp_path)
     assert done.returncode == 2
-    assert re.search(r"Large[\s\S]*at most[\s\S]*--platforms host", done.stderr.decode())
+    assert re.search(r"Large[\s\S]*at most[\s\S]*`platforms` host", done.stderr.decode())
     assert not [*tmp_path.glob("*.fmu")]

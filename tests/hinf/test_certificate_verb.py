@@ -44,6 +44,7 @@ def test_a_certificate_is_proved_from_its_file(certificate: Any, tmp_path: Path)
     assert (code, err) == (0, "")
     output = json.loads(out)
     assert output == {
+        "answer": f"proved: {path}: stability and H-infinity gain <= gamma; gamma 5.05",
         "file": path,
         "container": "file",
         "sha256": certificate_hash(certificate),
@@ -59,7 +60,7 @@ def test_a_certificate_is_proved_from_its_file(certificate: Any, tmp_path: Path)
     assert output["system"]["name"] == "paper"
     assert output["system"]["matrices"].startswith("A, B, C, D, D1, D2, E, H, A1, H1")
     assert Fraction(output["claim"]["gamma"]) == Fraction(5.05)
-    code, out, _ = check(path)
+    code, out, _ = check(path, "--details")
     assert code == 0
     assert "proved" in out
     assert "5.05" in out

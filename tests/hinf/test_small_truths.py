@@ -92,7 +92,7 @@ def test_a_gain_out_of_proportion_is_remarked_in_any_units(time: float, units: f
         remark = gain_remark(plant(time=time, units=units), K)
         assert (remark is not None) == remarked
         if remark is not None:
-            assert "--gain-limit" in remark
+            assert "gain limit" in remark
             assert "z does not contain every input" in remark
     priced = gain_remark(plant(weight=1e-9), np.array([[-1.2e11, -1.7e9]]))
     assert priced is not None

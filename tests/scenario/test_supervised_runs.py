@@ -105,7 +105,7 @@ def test_hanging_call_is_ended_at_its_limit(tmp_path: Path, call: str, limit: st
     began = time.monotonic()
     data = judged(tmp_path, call, "timed-out")
     assert time.monotonic() - began < 8.0
-    assert f"--limit {limit}" in data["reason"]
+    assert f"limits.{limit}" in data["reason"]
 
 
 def test_limits_of_the_command_come_first_and_can_be_none(tmp_path: Path) -> None:

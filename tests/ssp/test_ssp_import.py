@@ -337,7 +337,7 @@ def test_no_zip_is_no_archive(tmp_path: Path, case: str) -> None:
 
 
 def test_missing_archive_or_description_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="not an SSP archive"):
+    with pytest.raises(InputError, match="there is no such file"):
         import_ssp(tmp_path / "none.ssp", tmp_path / "x.toml")
     ssp = write(tmp_path / "x.ssp", {"a.txt": "a"})
     with pytest.raises(InputError, match=r"there is no SystemStructure\.ssd"):

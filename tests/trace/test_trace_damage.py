@@ -166,7 +166,7 @@ def test_not_a_trace(tmp_path: Path, content: bytes, name: str) -> None:
 def test_path_that_is_no_readable_file_is_refused(tmp_path: Path) -> None:
     """Missing files, directories, pipes and impossible names are bad input."""
     os.mkfifo(tmp_path / "pipe.mcap")
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="there is no such file"):
         Trace(tmp_path / "none.mcap")
     with pytest.raises(InputError, match="directory"):
         Trace(tmp_path)

@@ -242,8 +242,8 @@ def _annotations(system: System, built: ArchiveElements, tomls: Mapping[str, str
     used = sorted({c.link for c in system.connections if c.link is not None})
     if used:
         built.warnings.append(
-            f"other tools ignore the links {', '.join(used)} and connect directly; with "
-            "links as FMUs each is one, which they run"
+            f"other tools ignore the links {', '.join(used)} and connect directly; "
+            "cosim ssp export --links fmu makes each an FMU, which they run"
         )
 
 
