@@ -25,15 +25,17 @@ FLAVOURS = ("native", "python")
 
 
 def _parameters() -> list[Any]:
-    """Return every page with blocks; of the slow ones a third, with a SHARE, and the README."""
+    """Return every page with blocks; of the slow ones a third, with a SHARE.
+
+    The README is followed literally, from the wheel, by every gate.
+    """
     found = []
     kept, slow = share_of(range(3)), 0
     for page in pages():
         if not any(b.is_run for b in blocks_of(page)):
             continue
         if page == ROOT / "README.md":
-            always = pytest.mark.slow(always=True)
-            found.append(pytest.param(page, id=page.name, marks=always))
+            found.append(pytest.param(page, id=page.name, marks=pytest.mark.slow))
             continue
         is_slow = SLOW in page.read_text("utf-8")
         slow += is_slow
