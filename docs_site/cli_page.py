@@ -11,7 +11,6 @@ from typing import Any, Literal, get_args, get_origin
 import typer.main
 
 from cosim.cli.application import app
-from cosim.cli.verbs import VERBS, loaded
 
 _KINDS = {str: "text", int: "whole number", float: "number", Path: "path", list[str]: "text"}
 _SHOWN = (str, int, float, Path)
@@ -39,29 +38,36 @@ def page() -> str:
     whole: Any = typer.main.get_command(app)
     rows = [f"| `{p.opts[0]}` | {_plain(p.help)} |" for p in whole.params if p.opts[0] != "--help"]
     parts.append("\n".join(["| option | meaning |", "|---|---|", *rows]))
-    for name, verb in VERBS.items():
-        if not verb.hidden:
-            parts += commands(loaded(name, verb), f"cosim {name}", 2)
+    for words, command in listed():
+        parts += section(command, words)
     return "\n\n".join(parts) + "\n"
 
 
-def commands(command: Any, path: str, level: int) -> Iterator[str]:
-    """Give the sections of a command and of those below it."""
-    yield f"{'#' * level} {path}"
+def listed(group: Any = None, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield each listed command and group with its words after `cosim`, before what is below it."""
+    group = group or typer.main.get_command(app)
+    for name, found in list(group.commands.items()):
+        if found.hidden:
+            continue
+        context = group.context_class(group, info_name=name)
+        _, command, _ = group.resolve_command(context, [name])  # loaded where it is named
+        words = f"{path} {name}".strip()
+        yield words, command
+        if hasattr(command, "commands"):
+            yield from listed(command, words)
+
+
+def section(command: Any, words: str) -> Iterator[str]:
+    """Yield the parts of the section of a command or group."""
+    yield f"{'#' * (len(words.split()) + 1)} cosim {words}"
     yield help_text(command.help or "")
-    inner = getattr(command, "commands", None)
-    if inner is None:
-        places = [p for p in command.params if p.param_type_name == "argument"]
-        usage = " ".join([path, *(f"{p.name.upper()}" for p in places), "[OPTIONS]"])
-        yield f"```text\n{usage}\n```"
-        table = [row(p) for p in command.params if not getattr(p, "hidden", False)]
-        yield "\n".join(["| | takes | default | meaning |", "|---|---|---|---|", *table])
+    if hasattr(command, "commands"):
         return
-    for name in inner:
-        found = inner[name]
-        if not found.hidden:
-            found = getattr(command, "get_command", lambda _context, n: inner[n])(None, name)
-            yield from commands(_whole(command, name, found), f"{path} {name}", level + 1)
+    places = [p for p in command.params if p.param_type_name == "argument"]
+    usage = " ".join(["cosim", words, *(f"{p.name.upper()}" for p in places), "[OPTIONS]"])
+    yield f"```text\n{usage}\n```"
+    table = [row(p) for p in command.params if not getattr(p, "hidden", False)]
+    yield "\n".join(["| | takes | default | meaning |", "|---|---|---|---|", *table])
 
 
 def row(parameter: Any) -> str:
@@ -90,12 +96,6 @@ def help_text(text: str) -> str:
         else:
             paragraphs.append(_plain(" ".join(lines)))
     return "\n\n".join(paragraphs)
-
-
-def _whole(group: Any, name: str, found: Any) -> Any:
-    """Return the command itself where the group has its first line alone."""
-    verbs = getattr(type(group), "verbs", {})
-    return loaded(name, verbs[name]) if name in verbs else found
 
 
 def _plain(text: str | None) -> str:

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-from docs_site.help_examples import OWN_SYSTEM, commands, in_order, why_not_run
+from docs_site.help_examples import commands, followed, in_order, why_not_run
 
 PAGE = Path(__file__).parents[1] / "docs" / "reference" / "first-lines.md"
 _HEAD = """# First lines
@@ -69,15 +68,8 @@ def _page(answers: dict[str, str]) -> str:
 
 
 def _answers(folder: Path) -> dict[str, str]:
-    (folder / "my-system.toml").write_text(OWN_SYSTEM, "utf-8")
-    trace = folder / "traces" / "auv-survey.mcap"
     answers = {}
-    for line in in_order():
-        if why_not_run(line) is not None:
-            continue
-        if "trace recover" in line:
-            shutil.copy(trace, f"{trace}.partial")
-            os.truncate(f"{trace}.partial", trace.stat().st_size // 2)
+    for line in followed(folder, in_order()):
         done = subprocess.run(  # noqa: S602 - what the help tells people to type
             line.replace("--open", ""),
             shell=True,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import os
 import re
-from collections.abc import Iterator
-from typing import Any
+import shutil
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
-import typer.main
-
-from cosim.cli import app
 from cosim.cli.first_hour import FIRST_HOUR
+from docs_site.cli_page import listed
 
 NOT_RUN = {
     "study sensitivity": "no command before makes a study of this kind",
@@ -60,7 +60,11 @@ def examples_of(text: str) -> list[str]:
 
 def commands() -> dict[str, list[str]]:
     """Return the examples of each listed command, by its words after `cosim`."""
-    return dict(_below(typer.main.get_command(app), ""))
+    return {
+        words: examples_of(command.help or "")
+        for words, command in listed()
+        if not hasattr(command, "commands")
+    }
 
 
 def in_order() -> list[str]:
@@ -77,19 +81,27 @@ def in_order() -> list[str]:
     return list(dict.fromkeys(lines))
 
 
+def followed(folder: Path, lines: Iterable[str]) -> Iterator[str]:
+    """Yield the lines that can be followed in a folder, each once what it reads is there.
+
+    It writes what no command makes: a reader's own system, and a trace that was cut.
+    """
+    (folder / "my-system.toml").write_text(OWN_SYSTEM, "utf-8")
+    trace = folder / "traces" / "auv-survey.mcap"
+    for line in lines:
+        if why_not_run(line) is not None:
+            continue
+        if "trace recover" in line:
+            shutil.copy(trace, f"{trace}.partial")
+            os.truncate(f"{trace}.partial", trace.stat().st_size // 2)
+        yield line
+
+
+def other_code(line: str) -> int:
+    """Return the exit code that a line may have beside 0."""
+    return OTHER_CODES.get(" ".join(line.split()[1:3]), 0)
+
+
 def why_not_run(line: str) -> str | None:
     """Return why an example cannot be followed; None where it can."""
     return next((why for words, why in NOT_RUN.items() if words in line), None)
-
-
-def _below(group: Any, path: str) -> Iterator[tuple[str, list[str]]]:
-    for name, listed in list(group.commands.items()):
-        if listed.hidden:
-            continue
-        context = group.context_class(group, info_name=name)
-        _, command, _ = group.resolve_command(context, [name])
-        words = f"{path} {name}".strip()
-        if hasattr(command, "commands"):
-            yield from _below(command, words)
-        else:
-            yield words, examples_of(command.help or "")

@@ -103,10 +103,10 @@ def demo_line(demo: Demo) -> str:
 def _in_short(label: str, outcome: Outcome) -> str:
     """Say in half a sentence whether the guarantee of a run holds, and where the vehicle ends."""
     verdict = outcomes.guarantee_of(outcome, outcomes.assumptions_of(outcome))
-    holds = outcome.headline if verdict is None else verdict.what
+    holds = outcome.headline if verdict is None else verdict.half_sentence
     error = outcome.metrics["position_error_m"]
     ended = "" if error is None else f", {error:.2g} m off at the end"
-    return f"{label}: {holds[0].lower()}{holds[1:]}{ended}"
+    return f"{label}: {holds}{ended}"
 
 
 def _compared(outcome: Outcome) -> list[tuple[str, str]]:

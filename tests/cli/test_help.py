@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
-import shutil
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,7 +13,7 @@ from cli.shell import cosim
 from shared import copied, fmu_store, share_of
 
 from docs_site import first_lines
-from docs_site.help_examples import OTHER_CODES, OWN_SYSTEM, in_order, why_not_run
+from docs_site.help_examples import followed, in_order, other_code
 
 EXAMPLE = re.compile(r"^  (cosim .*)$", re.MULTILINE)
 BEFORE = tuple(
@@ -109,23 +107,16 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     The answers are those of the page of first lines. With a SHARE, those that write what others
     read, and an eighth of the others.
     """
-    (tmp_path / "my-system.toml").write_text(OWN_SYSTEM, "utf-8")
     copied(fmu_store("python", "native"), tmp_path / "fmus")
     monkeypatch.setattr("webbrowser.open", lambda _: True)
     answers, failed = first_lines.rows(), {}
-    trace = tmp_path / "traces" / "auv-survey.mcap"
     lines = in_order()
     kept = share_of(range(8))
     lines = [line for i, line in enumerate(lines) if line.startswith(BEFORE) or i % 8 in kept]
-    for line in lines:
-        if why_not_run(line) is not None:
-            continue
-        if "trace recover" in line:
-            shutil.copy(trace, f"{trace}.partial")
-            os.truncate(f"{trace}.partial", trace.stat().st_size // 2)
+    for line in followed(tmp_path, lines):
         done = cosim(*words_of(line), cwd=tmp_path, columns=400)
         answer = first_lines.answer_in(done.out)
-        if done.code not in {0, OTHER_CODES.get(" ".join(line.split()[1:3]))}:
+        if done.code not in {0, other_code(line)}:
             failed[line] = done.err
         elif line in answers and not first_lines.alike(answer, answers[line]):
             failed[line] = f"answers: {answer}\non the page: {answers[line]}"

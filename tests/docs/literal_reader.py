@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # as pytest does, for the mo
 
 from docs.page_blocks import ROOT, Block, Reader, blocks_of, pages
 
-from docs_site.help_examples import OTHER_CODES, OWN_SYSTEM, first_screen, in_order, why_not_run
+from docs_site.help_examples import first_screen, followed, in_order, other_code
 
 PATHS = (
     "README.md",
@@ -164,16 +164,8 @@ def follow_page(page: Path, reader: LiteralReader) -> None:
 
 def follow_lines(lines: list[str], reader: LiteralReader) -> None:
     """Type command lines one after the other, those that nobody can follow here left out."""
-    (reader.folder / "my-system.toml").write_text(OWN_SYSTEM, "utf-8")
-    trace = reader.folder / "traces" / "auv-survey.mcap"
-    for line in lines:
-        if why_not_run(line) is not None:
-            continue
-        if "trace recover" in line:
-            shutil.copy(trace, f"{trace}.partial")
-            os.truncate(f"{trace}.partial", trace.stat().st_size // 2)
-        allowed = OTHER_CODES.get(" ".join(line.split()[1:3]), 0)
-        reader.pasted(line.replace(" --open", ""), allowed)
+    for line in followed(reader.folder, lines):
+        reader.pasted(line.replace(" --open", ""), other_code(line))
 
 
 def errands(chosen: list[str], share: str) -> Iterator[tuple[str, Path | list[str]]]:

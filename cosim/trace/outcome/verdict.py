@@ -31,6 +31,11 @@ class Statement:
     at: float | None = None
     kind: str = ""
 
+    @property
+    def half_sentence(self) -> str:
+        """What it says, to stand behind other words."""
+        return f"{self.what[0].lower()}{self.what[1:]}"
+
 
 def status_of(info: Mapping[str, Any], outcome: RunOutcome | None) -> Statement:
     """Return how the run ended; `info` : what `describe` says of the file."""
@@ -140,7 +145,7 @@ def _claim(outcome: RunOutcome, verified: Mapping[str, Any] | None) -> str:
     if found is None:
         finished = outcome.status == "finished"
         return "no design was named, so nothing is guaranteed" if finished else ""
-    words = f"{found.what[0].lower()}{found.what[1:]}"
+    words = found.half_sentence
     gain, gamma = number_in(outcome.metrics, "gain"), number_in(outcome.metrics, "gamma")
     if gain is None or gamma is None or found.tone != GOOD:
         return words
