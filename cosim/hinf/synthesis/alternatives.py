@@ -259,22 +259,35 @@ def _gamma_to_have(refused: RefusedDesign) -> float | None:
     """Return a gamma that is certified when it is asked for; None where none was found."""
     if refused.gamma is None:
         return None
-    try:
-        least = refused.again(refused.system, None).gamma
-    except NotAchievableError:
-        return None
-    if least is None:
-        return None
+    return gamma_to_have(refused.gamma, lambda gamma: refused.again(refused.system, gamma))
+
+
+def gamma_to_have(
+    asked: float, design_for: Callable[[float | None], Result], above: Sequence[float] = _ABOVE
+) -> float | None:
+    """Return a gamma above the one that was asked for, certified when it is asked for itself.
+
+    None : none was found.
+
+    design_for : the design for a gamma, or for the least one.
+    above : the gammas to ask for, as shares by which they are above the least one.
+    """
 
     def prove(gamma: float) -> tuple[float | None, str]:
         try:
-            refused.again(refused.system, gamma)
+            design_for(gamma)
         except NotAchievableError as error:
             return None, error.what
         return gamma, ""
 
-    levels = [float(at_most(least * (1 + share), _GAMMA_DIGITS)) for share in _ABOVE]
-    return first_proved([x for x in levels if x > refused.gamma], prove)[0]
+    try:
+        least = design_for(None).gamma
+    except NotAchievableError:
+        return None
+    if least is None:
+        return None
+    levels = [float(at_most(least * (1 + share), _GAMMA_DIGITS)) for share in above]
+    return first_proved([x for x in levels if x > asked], prove)[0]
 
 
 def _delays_to_have(

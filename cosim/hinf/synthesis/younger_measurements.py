@@ -9,14 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from cosim.core import NotAchievableError, at_least, at_most, report
+from cosim.core import NotAchievableError, at_least, report
+from cosim.hinf.synthesis.alternatives import gamma_to_have
 from cosim.hinf.synthesis.result import Result
 from cosim.models import Measurement
 
 _SHARES = (0.5, 0.2, 0.05)
 """Of the ages, tried in turn."""
 _DIGITS = 2
-_ROOM = 1.01  # of a gamma that is asked for again
+_ABOVE = (0.01,)
+"""Of the least gamma, which is asked for once: each of these designs takes long."""
 
 DesignWith = Callable[[Sequence[Measurement], float, float | None], Result]
 """The design that was refused, with other measurements, age of the command [s] and gamma."""
@@ -32,7 +34,9 @@ def name_younger(
     """Say in the error of a refused output feedback which gamma, or which ages, can be had."""
     have = []
     if gamma is not None:
-        error.gamma = _gamma_to_have(measurements, command_age, gamma, design_with)
+        error.gamma = gamma_to_have(
+            gamma, lambda bound: design_with(measurements, command_age, bound), _ABOVE
+        )
         have += [] if error.gamma is None else [f"gamma = {error.gamma:g}, which is certified"]
     younger = first_younger(measurements, command_age, lambda m, age: design_with(m, age, gamma))
     if younger is not None:
@@ -70,18 +74,3 @@ def first_younger(
 
 def _shorter(age: float, share: float) -> float:
     return float(at_least(share * age, _DIGITS)) if age > 0 else age
-
-
-def _gamma_to_have(
-    measurements: Sequence[Measurement], command_age: float, gamma: float, design_with: DesignWith
-) -> float | None:
-    """Return a gamma that is certified when it is asked for; None where none is found."""
-    try:
-        least = design_with(measurements, command_age, None).gamma
-        if least is None or least <= gamma:
-            return None
-        asked = float(at_most(_ROOM * least, 4))
-        design_with(measurements, command_age, asked)
-    except NotAchievableError:
-        return None
-    return asked
